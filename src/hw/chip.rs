@@ -1,7 +1,7 @@
 //! The chip around the core: registers, command processor, ray reader, hit writer, caches, and the AXI4 master, as `docs/chip.md`
 //! defines them.
 
-mod answers;
+pub mod answers;
 pub mod cast;
 pub mod commands;
 pub mod hits;

@@ -16,15 +16,20 @@ use crate::emit::FORMAL as FOLDER;
 /// If the description of a unit is rejected.
 pub fn files(config: &Config, prefix: &Prefix) -> Result<(Vec<(String, String)>, Value)> {
     let emitted = |name: &str| format!("{}{name}", prefix.as_str());
-    let mut files = vec![];
+    let mut files: Vec<(String, String)> = vec![];
     let mut proofs = vec![];
     // The cache is not part of a machine yet.
     for (unit, _) in UNITS.iter().filter(|(unit, _)| *unit != induction::CACHE) {
         for proof in induction::proofs(unit, config)? {
             let module = emitted(proof.module.name());
             let name = format!("{module}_{}", proof.proof.name);
+            // Another instance of the same module has files of its own.
+            let same = |name: &str| files.iter().any(|(file, _)| *file == source_of(name));
+            let numbered = (2..).map(|number| format!("{name}_{number}"));
+            let mut names = std::iter::once(name.clone()).chain(numbered);
+            let name = names.find(|name| !same(name)).expect("a free name");
             let formal = proof.module.formal(&proof.proof.name, &emitted)?;
-            let [source, task] = ["sv", "sby"].map(|kind| format!("{FOLDER}/{name}.{kind}"));
+            let (source, task) = (source_of(&name), format!("{FOLDER}/{name}.sby"));
             let mut head = format!(
                 "// The module {module} with its properties: {}.\n",
                 proof.proof.what
@@ -53,6 +58,11 @@ pub fn files(config: &Config, prefix: &Prefix) -> Result<(Vec<(String, String)>,
     let names: Vec<&String> = files.iter().map(|(name, _)| name).collect();
     let described = json!({"files": names, "proofs": proofs});
     Ok((files, described))
+}
+
+/// The file of a proof.
+fn source_of(name: &str) -> String {
+    format!("{FOLDER}/{name}.sv")
 }
 
 /// One task that proves by induction, and one that shows the covers.

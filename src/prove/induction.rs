@@ -5,7 +5,7 @@
 //! fails in the first cycles after reset, and that if all hold for a number of cycles they also hold in the next one. Therefore they
 //! always hold. Logic on which the properties do not depend is removed.
 
-use super::{Outcome, memory, tools};
+use super::{Outcome, cast, memory, tools};
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Design, Module, ProofFacts};
@@ -98,6 +98,21 @@ pub struct Induction {
     pub few: &'static [(&'static str, u32)],
 }
 
+/// The proof of this name of a module that is an instance for the proof.
+///
+/// # Errors
+/// If the module has no properties of this name.
+pub(super) fn of_module(unit: &str, module: Arc<Module>, name: &str) -> Result<Induction> {
+    let mut proofs = module.proofs().into_iter();
+    let proof = proofs.find(|proof| proof.name == name);
+    let proof = proof.with_context(|| format!("{unit}: the module has no proof {name}"))?;
+    Ok(Induction {
+        module,
+        proof,
+        few: &[],
+    })
+}
+
 /// All inductions of the unit with this name; empty if the unit has none.
 ///
 /// # Errors
@@ -107,6 +122,7 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
         return caches();
     }
     let mut found = memory::proofs(unit)?;
+    found.extend(cast::proofs(unit)?);
     for wanted in WANTED.iter().filter(|wanted| wanted.unit == unit) {
         let mut config = config.clone();
         for (key, value) in wanted.few {

@@ -1,10 +1,10 @@
 //! The modules of the memory system that are proved: small instances, which the bus of a machine does not change.
 
-use super::induction::Induction;
+use super::induction::{Induction, of_module};
 use crate::hdl::{HdlError, Module};
 use crate::hw::memory::axi::{Bus, monitor, monitored};
 use crate::hw::memory::{arbiter, combiner, reader};
-use anyhow::{Context, Result};
+use anyhow::Result;
 use std::sync::Arc;
 
 /// A bus of few bits and few bursts.
@@ -26,14 +26,19 @@ fn modules(unit: &str) -> Result<Vec<(Arc<Module>, &'static str)>, HdlError> {
     };
     Ok(match unit {
         "axi" => vec![(monitored::module(&sizes)?, "obeys")],
-        "combiner" => vec![(
-            combiner::module(&combiner::Sizes {
+        "combiner" => {
+            // Of three lines, two may wait for the bus at once.
+            let of = |lines| combiner::Sizes {
                 data_bits: 128,
-                lines: 2,
+                lines,
                 writes: 2,
-            })?,
-            "keeps",
-        )],
+            };
+            let keeps = |lines| Ok((combiner::module(&of(lines))?, "keeps"));
+            [2, 3]
+                .into_iter()
+                .map(keeps)
+                .collect::<Result<_, HdlError>>()?
+        }
         "arbiter" => vec![(
             arbiter::module(&arbiter::Sizes {
                 data_bits: BUS.data_bits,
@@ -64,15 +69,8 @@ fn modules(unit: &str) -> Result<Vec<(Arc<Module>, &'static str)>, HdlError> {
 /// # Errors
 /// A mistake in a description.
 pub fn proofs(unit: &str) -> Result<Vec<Induction>> {
-    let found = modules(unit)?.into_iter().map(|(module, name)| {
-        let mut proofs = module.proofs().into_iter();
-        let proof = proofs.find(|proof| proof.name == name);
-        let proof = proof.with_context(|| format!("{unit}: the module has no proof {name}"))?;
-        Ok(Induction {
-            module,
-            proof,
-            few: &[],
-        })
-    });
-    found.collect()
+    let found = modules(unit)?.into_iter();
+    found
+        .map(|(module, name)| of_module(unit, module, name))
+        .collect()
 }

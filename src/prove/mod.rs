@@ -7,6 +7,7 @@
 
 mod aig;
 mod arithmetic;
+mod cast;
 pub mod formal;
 mod induction;
 mod memory;
@@ -25,7 +26,7 @@ use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 21] = [
+pub const UNITS: [(&str, &str); 22] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -91,6 +92,10 @@ pub const UNITS: [(&str, &str); 21] = [
     (
         "reader",
         "burst readers: room in the buffer, blocks, ports, no deadlock",
+    ),
+    (
+        "cast",
+        "the cast unit: rays, packets, answers in order, writes, ports, no deadlock",
     ),
 ];
 

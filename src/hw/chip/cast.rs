@@ -1,5 +1,7 @@
 //! The cast unit: the ray reader and the hit writer of a cast.
 
+mod properties;
+
 use super::hits::{self, Hits};
 use super::rays::{self, Rays};
 use crate::hdl::{Builder, Flow, HdlError, Module, Specs};
@@ -79,5 +81,16 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         ray_taken: reader.ray_taken,
     };
     ports.outputs.outputs(&m, outputs);
+    if plan.rays() > 1 {
+        properties::joins(&properties::Unit {
+            m: &m,
+            plan,
+            inputs,
+            outputs,
+            reader,
+            writer,
+            hold: hold.get(),
+        });
+    }
     m.finish()
 }

@@ -1,9 +1,11 @@
 //! The hit writer: turns the hits of a cast into writes.
 
+mod properties;
+
 use super::answers::{self, AnswerWord, Answers};
 use super::{COUNT_BITS, fitted, write_of_32_bits};
 use crate::bkd::bytes::ByteRecord;
-use crate::hdl::{Builder, Flow, HdlError, Module, Signal, Specs};
+use crate::hdl::{Builder, Flow, HdlError, Module, Reg, Signal, Specs, Wire};
 use crate::hw::memory::ADDRESS_BITS;
 use crate::hw::memory::combiner::{WORD_BITS, WORD_BYTES, Word};
 use crate::hw::plan::Plan;
@@ -109,6 +111,8 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     };
     let record = writer.record();
     let room = m.wire("has_room", 1);
+    let (packet_answers, earlier) = writer.answers();
+    let packet_answers = Flow::new(packet_ends & any_hit.q, packet_answers);
     let collector = answers::ports(plan).place(
         "answers",
         &m,
@@ -116,65 +120,124 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         answers::Inputs {
             start: start & cast.any_hit,
             packets,
-            answers: Flow::new(packet_ends & any_hit.q, writer.answers()),
+            answers: packet_answers,
             packet: inputs.packet,
             word_ready: room.get(),
         },
     );
     let answers = writer.answer_write(collector.word);
-
-    m.comment("A write is registered. The second word of a wide record follows the first.");
-    let words = record.data.width() / WORD_BITS;
-    let write_valid = m.reg_reset("is_write_valid", 1, 0);
-    let second = m.reg_reset("second_follows", 1, 0);
-    let address = m.reg("stored_address", ADDRESS_BITS);
-    let data = m.reg("stored_data", record.data.width());
-    let strobes = m.reg("stored_strobes", WORD_BYTES);
-    let accepted = (write_valid.q & inputs.write_ready).named("is_accepted");
-    let leaves = (accepted & !second.q).named("write_leaves");
-    room.drive(!write_valid.q | leaves);
+    let stored = Stored::new(&m, inputs.write_ready, record.data.width(), room);
     let hit_ready = (any_hit.q | room.get()).named("is_hit_ready");
     taken.drive(inputs.hit.valid & hit_ready);
-    let offer = Offer {
-        valid: any_hit.q.mux(answers.valid, record.valid).named("offers"),
-        address: any_hit.q.mux(answers.address, record.address),
-        data: any_hit.q.mux(answers.data, record.data),
-        strobes: any_hit.q.mux(answers.strobes, record.strobes),
+    stored.follow(&m, any_hit.q, record, answers);
+
+    let outputs = Outputs {
+        running: packets_left.q.any() | collector.running | stored.valid.q,
+        hit_ready,
+        hold: any_hit.q & collector.hold,
+        write: Flow::new(stored.valid.q, stored.write()),
     };
-    let loads = (offer.valid & room.get()).named("loads_write");
-    write_valid.next(loads | (write_valid.q & !leaves));
-    let moves_on = (accepted & second.q).named("second_moves");
-    let step = m.lit(WORD_BYTES, ADDRESS_BITS);
-    address.next_when(
-        loads | moves_on,
-        moves_on.mux(address.q + step, offer.address),
-    );
-    strobes.next_when(loads, offer.strobes);
-    match words {
-        1 => {
-            second.next(m.zero(1));
-            data.next_when(loads, offer.data);
-        }
-        _ => {
-            second.next((loads & !any_hit.q) | (second.q & !accepted));
-            let shifted = m.zero(WORD_BITS).concat(data.q.high(WORD_BITS));
-            data.next_when(loads | moves_on, moves_on.mux(shifted, offer.data));
+    ports.outputs.outputs(&m, outputs);
+    properties::writes(&properties::Unit {
+        m: &m,
+        plan,
+        inputs,
+        outputs,
+        stored: &stored,
+        packets: properties::Packets {
+            left: packets_left,
+            all: packets,
+            slot,
+            any_hit,
+            count,
+            base,
+            taken: taken.get(),
+            ends: packet_ends,
+        },
+        record,
+        answers: packet_answers,
+        answer_write: answers,
+        earlier,
+        collector,
+    });
+    m.finish()
+}
+
+/// The write that is offered.
+struct Stored<'b> {
+    valid: Reg<'b>,
+    /// Whether the second word of a record follows.
+    second: Reg<'b>,
+    address: Reg<'b>,
+    data: Reg<'b>,
+    strobes: Reg<'b>,
+    room: Signal<'b>,
+    accepted: Signal<'b>,
+    leaves: Signal<'b>,
+}
+
+impl<'b> Stored<'b> {
+    fn new(m: &'b Builder, ready: Signal<'b>, data_bits: u32, room: Wire<'b>) -> Stored<'b> {
+        m.comment("A write is registered. The second word of a wide record follows the first.");
+        let valid = m.reg_reset("is_write_valid", 1, 0);
+        let second = m.reg_reset("second_follows", 1, 0);
+        let address = m.reg("stored_address", ADDRESS_BITS);
+        let data = m.reg("stored_data", data_bits);
+        let strobes = m.reg("stored_strobes", WORD_BYTES);
+        let accepted = (valid.q & ready).named("is_accepted");
+        let leaves = (accepted & !second.q).named("write_leaves");
+        room.drive(!valid.q | leaves);
+        Stored {
+            valid,
+            second,
+            address,
+            data,
+            strobes,
+            room: room.get(),
+            accepted,
+            leaves,
         }
     }
 
-    let write = Word {
-        address: address.q,
-        data: data.q.low(WORD_BITS),
-        strobes: strobes.q,
-    };
-    let outputs = Outputs {
-        running: packets_left.q.any() | collector.running | write_valid.q,
-        hit_ready,
-        hold: any_hit.q & collector.hold,
-        write: Flow::new(write_valid.q, write),
-    };
-    ports.outputs.outputs(&m, outputs);
-    m.finish()
+    /// Drives the registers by a record or by a word of answers.
+    fn follow(&self, m: &'b Builder, any_hit: Signal<'b>, record: Offer<'b>, answers: Offer<'b>) {
+        let offer = Offer {
+            valid: any_hit.mux(answers.valid, record.valid).named("offers"),
+            address: any_hit.mux(answers.address, record.address),
+            data: any_hit.mux(answers.data, record.data),
+            strobes: any_hit.mux(answers.strobes, record.strobes),
+        };
+        let loads = (offer.valid & self.room).named("loads_write");
+        self.valid.next(loads | (self.valid.q & !self.leaves));
+        let moves_on = (self.accepted & self.second.q).named("second_moves");
+        let step = m.lit(WORD_BYTES, ADDRESS_BITS);
+        self.address.next_when(
+            loads | moves_on,
+            moves_on.mux(self.address.q + step, offer.address),
+        );
+        self.strobes.next_when(loads, offer.strobes);
+        match self.data.q.width() / WORD_BITS {
+            1 => {
+                self.second.next(m.zero(1));
+                self.data.next_when(loads, offer.data);
+            }
+            _ => {
+                let stays = self.second.q & !self.accepted;
+                self.second.next((loads & !any_hit) | stays);
+                let shifted = m.zero(WORD_BITS).concat(self.data.q.high(WORD_BITS));
+                self.data
+                    .next_when(loads | moves_on, moves_on.mux(shifted, offer.data));
+            }
+        }
+    }
+
+    fn write(&self) -> Word<Signal<'b>> {
+        Word {
+            address: self.address.q,
+            data: self.data.q.low(WORD_BITS),
+            strobes: self.strobes.q,
+        }
+    }
 }
 
 /// The number of packets of a number of rays.
@@ -217,25 +280,26 @@ impl<'b> Writer<'_, 'b> {
         }
     }
 
-    /// The answers of the packet whose last hit is offered.
-    fn answers(&self) -> Answers<Signal<'b>> {
+    /// The answers of the packet whose last hit is offered, and the register of the earlier ones, if a packet has several rays.
+    fn answers(&self) -> (Answers<Signal<'b>>, Option<Reg<'b>>) {
         let (m, plan) = (self.m, self.plan);
         m.comment("One bit for each any-hit ray; those of a packet are collected.");
         let offered = self.inputs.hit.payload;
         let is_hit = offered.hit.t.ne(plan.infinity(m)).named("is_hit");
-        let bits = match plan.rays() {
-            1 => is_hit,
+        let (bits, earlier) = match plan.rays() {
+            1 => (is_hit, None),
             rays => {
                 let earlier = m.reg("earlier_answers", rays - 1);
                 let all = is_hit.concat(earlier.q);
                 earlier.next_when(self.taken, all.high(rays - 1));
-                all
+                (all, Some(earlier))
             }
         };
-        Answers {
+        let answers = Answers {
             tag: offered.tag,
             bits: bits.named("packet_answers"),
-        }
+        };
+        (answers, earlier)
     }
 
     /// The write of a word of answers.

@@ -83,6 +83,19 @@ pub(super) fn keeps(unit: &Unit<'_, '_>) {
             .past(!m.reset() & outputs.datum.valid & !inputs.datum_ready)
             .implies(outputs.datum.valid),
     );
+    proof.assert(
+        "no word is accepted during a flush",
+        inputs.flush.implies(!outputs.word_ready),
+    );
+    let taken = outputs.datum.valid & inputs.datum_ready;
+    let beat = unit.stream.beat.q;
+    let next = beat.eq(proof.past(beat) + proof.past(taken).extend(beat.width()));
+    proof.assert(
+        "the beats of a burst follow each other",
+        proof
+            .past(!m.reset() & unit.stream.valid.q & !unit.stream.finishes)
+            .implies(unit.stream.valid.q & next),
+    );
     states(proof, unit);
     byte(proof, unit);
     progress(proof, unit);
@@ -141,6 +154,14 @@ fn states<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
                 format!("lines {other} and {i} are not both open for an address"),
                 !(open & lines.open[other].q & same),
             );
+            // Which of the two was opened last.
+            let newer = proof.reg_reset(&format!("newer{other}_{i}"), 1, 0);
+            let opens = (stage.opens[i], stage.opens[other]);
+            newer.next_when(opens.0 | opens.1, opens.0);
+            proof.assert(
+                format!("it is known which of the open lines {other} and {i} is older"),
+                (open & lines.open[other].q).implies(lines.order.before(other, i).eq(newer.q)),
+            );
             for third in 0..unit.count() {
                 if third != i && third != other {
                     let before = |a, b| lines.order.before(a, b);
@@ -177,11 +198,10 @@ fn states<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
         "a word is written into one line",
         at_most_one(&stage.writes),
     );
+    let any_used = m.or_all(&used_lines);
     proof.assert(
         "it is empty only without lines and responses",
-        unit.outputs.empty.implies(
-            m.concat(&lines.used()).is_zero() & !stage.valid.q & unit.outstanding.count.is_zero(),
-        ),
+        !(unit.outputs.empty & (any_used | stage.valid.q | unit.outstanding.count.any())),
     );
 }
 
@@ -286,6 +306,23 @@ fn byte<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
             format!("the byte of line {i} is in the burst"),
             (unit.is_sent(i) & has.q).implies(is_in_burst),
         );
+        let offered = unit.outputs.write.payload;
+        let beats = (unit.next.last - unit.next.first).extend(offered.beats.width());
+        let address = unit.next.tag.concat(unit.next.first);
+        let offset = offered.address.width() - address.width();
+        let is_of_next = offered.address.high(address.width()).eq(address)
+            & offered.address.low(offset).is_zero()
+            & offered.beats.eq(beats);
+        proof.assert(
+            format!("the byte of line {i} is in the burst that is offered"),
+            (unit.is_next(i) & has.q)
+                .implies(unit.next.first.le(its_beat) & its_beat.le(unit.next.last) & is_of_next),
+        );
+        proof.assert(
+            format!("the data of line {i} begin no later than with the byte"),
+            (proof.past(!m.reset() & unit.next.moves) & unit.is_sent(i) & has.q)
+                .implies(unit.stream.beat.q.le(its_beat)),
+        );
         if i == 0 {
             proof.cover("the byte is sent", sending & has.q);
         }
@@ -343,6 +380,7 @@ fn progress<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
 
 fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
     let (lines, stage, contents) = (unit.lines, unit.stage, unit.contents);
+    let (next, stream) = (unit.next, unit.stream);
     for (what, fault) in [
         (
             "the address of a new line is not compared with the next word",
@@ -385,6 +423,74 @@ fn faults<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
         (
             "a word waits for a line without closing one",
             unit.lines.open[0].q.reads(unit.close_oldest).as_value(0),
+        ),
+        (
+            "the data of a burst are sent before its address",
+            next.moves.reads(next.unsent.q).as_value(0),
+        ),
+        (
+            "a burst that is refused is withdrawn",
+            next.unsent.q.reads(next.sent).as_signal(next.write.valid),
+        ),
+        (
+            "a line is taken while the next burst waits",
+            next.takes[0].reads(next.valid.q).as_value(0),
+        ),
+        (
+            "a waiting line is never taken",
+            next.takes[0].fault().as_value(0),
+        ),
+        (
+            "a burst has the address of another line",
+            next.tag.reads(lines.tags[0].q).as_signal(lines.tags[1].q),
+        ),
+        (
+            "a burst begins with its last beat",
+            next.first.fault().as_signal(next.last),
+        ),
+        (
+            "the data of a burst begin with its last beat",
+            stream.beat.q.reads(next.first).as_signal(next.last),
+        ),
+        (
+            "a datum is skipped while it is refused",
+            stream.beat.q.enable().as_value(1),
+        ),
+        (
+            "a burst ends while its last datum is refused",
+            (stream.finishes.reads(unit.inputs.datum_ready)).as_value(1),
+        ),
+        (
+            "the data of a burst have the words of the one before",
+            stream.touched.enable().as_value(0),
+        ),
+        (
+            "a full line stays open",
+            unit.closes[0].reads(contents.line_full).as_value(0),
+        ),
+        (
+            "the order of lines is not kept",
+            lines.order.before(0, 1).enable().as_value(0),
+        ),
+        (
+            "a word opens two lines",
+            stage.opens[1].fault().as_signal(stage.opens[0]),
+        ),
+        (
+            "two lines are closed at once",
+            (unit.closes[1].reads(lines.order.before(0, 1))).as_value(0),
+        ),
+        (
+            "a word is full when any of its bytes is written",
+            contents.now_full.fault().as_signal(stage.word_bit),
+        ),
+        (
+            "it is empty while a word is in the stage",
+            unit.outputs.empty.reads(stage.valid.q).as_value(0),
+        ),
+        (
+            "a word is accepted during a flush",
+            unit.outputs.word_ready.reads(unit.inputs.flush).as_value(0),
         ),
     ] {
         proof.fault(what, fault);
