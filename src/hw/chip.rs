@@ -4,6 +4,7 @@
 mod answers;
 pub mod cast;
 pub mod commands;
+pub mod counters;
 pub mod hits;
 mod memory;
 pub mod monitored;

@@ -14,6 +14,8 @@
 //! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
 //! | `cache` | a cache, which is not in the core | requests of every locality |
 //! | `cast` | the chip's ray reader and hit writer | casts in front of a random ray casting unit |
+//! | `registers` | the chip's register file and event counters | accesses of a random host |
+//! | `commands` | the chip's command processor | random command lists |
 //! | `axi` | AXI4 master | bursts in front of a random slave |
 //! | `combiner`, `arbiter`, `reader` | write combiner; read arbiter; burst reader | a memory system in front of a random slave |
 
@@ -29,8 +31,8 @@ use crate::cosim::raycast::RaycastUnit;
 use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, SELECT, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{
-    raycast, unit_arithmetic, unit_axi, unit_bus, unit_cache, unit_cast, unit_geometry,
-    unit_skinning, unit_tpu, unit_update,
+    raycast, unit_arithmetic, unit_axi, unit_bus, unit_cache, unit_cast, unit_commands,
+    unit_geometry, unit_registers, unit_skinning, unit_tpu, unit_update,
 };
 use crate::hdl::{Design, Mutation, Select, Site};
 use crate::hw;
@@ -45,7 +47,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// The units, whose modules are mutated. What is not in the core comes last, so that mutants of the core keep their numbers.
-pub const UNITS: [&str; 11] = [
+pub const UNITS: [&str; 13] = [
     "arithmetic",
     "tpu",
     "geometry",
@@ -57,6 +59,8 @@ pub const UNITS: [&str; 11] = [
     "arbiter",
     "reader",
     "cast",
+    "registers",
+    "commands",
 ];
 
 /// The module that is mutated of a unit of the memory system; its neighbours are there for its bench.
@@ -200,6 +204,10 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
         "raycast" => return Ok(hw::emit(plan)?.design.apart()?),
         "cache" => hw::memory::cache::module("cache", &unit_cache::reference())?,
         "cast" => hw::chip::cast::module(&hw::Plan::new(&unit_cast::reference())?)?,
+        "registers" => unit_registers::module(&hw::Plan::new(config)?)?,
+        "commands" => {
+            hw::chip::commands::module(&hw::Plan::new(config)?, config.bus_data_bits)?
+        }
         "axi" => unit_axi::module_of(&unit_axi::reference())?,
         "combiner" | "arbiter" | "reader" => unit_bus::module(&unit_bus::Sizes::reference())?,
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
@@ -358,6 +366,8 @@ fn runs<'a>(
             "cache" => &["requests"],
             "axi" => &["bursts"],
             "cast" => &["casts"],
+            "registers" => &["accesses"],
+            "commands" => &["lists"],
             "combiner" | "arbiter" | "reader" => &["traffic"],
             _ => &["rays", "skins"],
         };
@@ -411,6 +421,12 @@ fn runs<'a>(
                 "casts" => Box::new(move |play: Play| {
                     let (config, options) = (unit_cast::reference(), play.options(seed));
                     Ok(unit_cast::run(&config, length / 4, &options)?.into())
+                }),
+                "accesses" => Box::new(move |play: Play| {
+                    Ok(unit_registers::run(config, length, &play.options(seed))?.into())
+                }),
+                "lists" => Box::new(move |play: Play| {
+                    Ok(unit_commands::run(config, length, &play.options(seed))?.into())
                 }),
                 "bursts" => Box::new(move |play: Play| {
                     let (bus, options) = (unit_axi::reference(), play.options(seed));

@@ -10,8 +10,8 @@ use dynrt::chip::most_rays;
 use dynrt::config::{Config, MemoryModel};
 use dynrt::cosim::chip::{Behaviour, Chip, Options, Report};
 use dynrt::cosim::lists::Lists;
-use dynrt::cosim::scoreboard::UnitOptions;
-use dynrt::cosim::unit_cast;
+use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
+use dynrt::cosim::{unit_cast, unit_commands, unit_registers};
 
 /// The reference with some keys changed.
 fn variant(keys: &[(&str, &str)]) -> Config {
@@ -56,6 +56,63 @@ fn casts_read_rays_and_write_hits() {
         for (category, count) in report.categories.iter().filter(|_| number == 0) {
             assert!(*count > 0, "no {}", category.name());
         }
+    }
+}
+
+/// Transactions of a unit of the chip.
+fn transactions() -> u64 {
+    if full() { 1_000_000 } else { 20_000 }
+}
+
+/// Shows what came of a run; every category must have been met.
+fn check(config: &Config, report: anyhow::Result<UnitReport>) {
+    let report = report.unwrap_or_else(|error| panic!("{error:#}"));
+    println!("{}: {}", config.name, report.summary());
+    report.verdict().unwrap_or_else(|error| panic!("{error:#}"));
+    assert!(report.transactions >= transactions());
+    for (category, count) in &report.categories {
+        assert!(*count > 0, "{}: no {}", config.name, category.name());
+    }
+}
+
+/// Accesses of a random host while lists start, end and fail, compared in every cycle with the golden register file.
+#[test]
+fn registers_in_front_of_any_host() {
+    let narrow = variant(&[
+        ("packets.rays", "1"),
+        ("packets.tag_bits", "7"),
+        ("float.exponent_bits", "10"),
+        ("float.fraction_bits", "23"),
+    ]);
+    for config in [Config::reference(), narrow] {
+        let options = UnitOptions::new(seed());
+        let report = unit_registers::run(&config, transactions(), &options);
+        check(&config, report);
+    }
+}
+
+/// Random lists with all commands and all errors, on buses of every width and with boxes of every size, behind neighbours of any pace.
+#[test]
+fn commands_follow_any_list() {
+    let configs = [
+        Config::reference(),
+        variant(&[("bus.data_bits", "32"), ("packets.tag_bits", "7")]),
+        variant(&[
+            ("bus.data_bits", "64"),
+            ("float.exponent_bits", "10"),
+            ("float.fraction_bits", "23"),
+        ]),
+        variant(&[
+            ("bus.data_bits", "256"),
+            ("packets.tag_bits", "32"),
+            ("float.exponent_bits", "3"),
+            ("float.fraction_bits", "2"),
+        ]),
+    ];
+    for config in configs {
+        let options = UnitOptions::new(seed());
+        let report = unit_commands::run(&config, transactions(), &options);
+        check(&config, report);
     }
 }
 
