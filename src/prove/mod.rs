@@ -7,6 +7,7 @@
 
 mod aig;
 mod arithmetic;
+mod chip;
 pub mod formal;
 mod induction;
 mod memory;
@@ -25,7 +26,7 @@ use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 21] = [
+pub const UNITS: [(&str, &str); 23] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -91,6 +92,14 @@ pub const UNITS: [(&str, &str); 21] = [
     (
         "reader",
         "burst readers: room in the buffer, blocks, ports, no deadlock",
+    ),
+    (
+        "registers",
+        "the register file and the event counters: accesses, doorbells, interrupts, snapshots",
+    ),
+    (
+        "commands",
+        "the command processor: order, waits, errors, ports, no deadlock",
     ),
 ];
 

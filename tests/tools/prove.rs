@@ -103,8 +103,9 @@ fn seeded_faults_of_control_are_refuted() {
     let units = [
         "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
         "trace", "cache", "axi", "combiner", "arbiter", "reader",
+        "registers", "commands",
     ];
-    hold(&rows(&few_packets(), &units, true, true), 45);
+    hold(&rows(&few_packets(), &units, true, true), 80);
 }
 
 /// Both machines of every named configuration agree, and a large amount of logic was compared.

@@ -220,7 +220,7 @@ fn control<'b>(
     write: &WriteAccess<'b>,
 ) -> Control<'b> {
     m.comment("A doorbell starts the list, or queues it; behind a queued list it has no effect.");
-    let list = m.reg("list", ADDRESS_BITS);
+    let list = m.reg_reset("list", ADDRESS_BITS, 0);
     write.store(&list, offset::LIST);
     let rings = write.to(offset::DOORBELL).named("rings");
     let queued = m.reg_reset("is_queued", 1, 0);
@@ -235,8 +235,8 @@ fn control<'b>(
     let failure = inputs.failure;
     let failed = failure.code.any().named("has_failed");
     let code = m.reg_reset("error_code", failure.code.width(), 0);
-    let descriptor = m.reg("error_descriptor", ADDRESS_BITS);
-    let value = m.reg("error_address", ADDRESS_BITS);
+    let descriptor = m.reg_reset("error_descriptor", ADDRESS_BITS, 0);
+    let value = m.reg_reset("error_address", ADDRESS_BITS, 0);
     code.next_when(
         starts | inputs.ended,
         starts.mux(m.zero(code.q.width()), failure.code),
@@ -297,7 +297,7 @@ fn copies<'b>(
     let of_chip = inputs.counted.fields().into_iter();
     let all = of_core.chain(of_chip).map(|(_, count)| count);
     let copy = |(count, (name, _)): (Signal<'b>, &(&str, &str))| {
-        let copy = m.reg(format!("copy_{name}"), COUNTER_BITS);
+        let copy = m.reg_reset(format!("copy_{name}"), COUNTER_BITS, 0);
         copy.next_when(snapshot, count);
         (copy, count)
     };

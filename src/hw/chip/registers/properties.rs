@@ -206,9 +206,20 @@ impl<'b> Unit<'_, 'b> {
                 known.implies(pending.bit(bit).eq(event | (before & !clears))),
             );
         }
+        let control = self.control;
+        let stored = [
+            pending,
+            control.enable.q,
+            control.list.q,
+            control.code.q,
+            control.descriptor.q,
+            control.value.q,
+        ];
+        let copies = self.copies.iter().map(|(copy, _)| copy.q);
+        let any: Vec<_> = stored.into_iter().chain(copies).map(|q| q.any()).collect();
         proof.assert(
-            "nothing is pending after a reset",
-            known | (pending.is_zero() & self.control.enable.q.is_zero()),
+            "all registers are 0 after a reset",
+            known | !self.m.or_all(&any),
         );
         let enabled = pending & self.control.enable.q;
         proof.assert(
@@ -295,6 +306,8 @@ impl<'b> Unit<'_, 'b> {
                 self.outputs.irq.reads(control.enable.q).as_value(15),
             ),
             ("events are pending after a reset", control.pending.q.without_reset()),
+            ("a reset leaves the list", control.list.q.without_reset()),
+            ("a reset leaves the copies", copy.q.without_reset()),
             ("a copy is taken in every cycle", copy.q.enable().as_value(1)),
         ] {
             proof.fault(what, fault);
