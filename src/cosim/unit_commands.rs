@@ -42,6 +42,14 @@ pub const CATEGORIES: &[Category] = &[
     Category::CutShort,
 ];
 
+/// The machine that is simulated by default: the reference with casts of as many rays as any machine has.
+pub fn reference() -> Config {
+    Config {
+        tag_bits: 24,
+        ..Config::reference()
+    }
+}
+
 /// Cycles within which the unit goes on when it waits for nothing.
 const SOON: u32 = 4;
 
@@ -299,6 +307,9 @@ impl Run {
         let mut until_reset = u64::MAX;
         while self.bench.tally.transactions < descriptors {
             if until_reset == 0 {
+                // The neighbours do not know of it.
+                let given = self.give();
+                self.show(&given);
                 self.bench.model.reset(RESET_CYCLES);
                 self.bench.tally.categories.count(Category::CutShort, true);
                 self.list = List::new();
@@ -330,7 +341,10 @@ impl Run {
         let shown = self.shown();
         let wanted = self.wanted(&given, &shown);
         if shown != wanted {
-            let place = format!("{:?} of the descriptor at {:#x}", self.list.next, self.list.at);
+            let place = format!(
+                "{:?} of the descriptor at {:#x}",
+                self.list.next, self.list.at
+            );
             let fields = wanted.fields(&shown);
             return Err(self.bench.mismatch(place, fields));
         }
@@ -534,8 +548,8 @@ impl Run {
         let differs = |(_, golden, port): &(&str, u64, PortHandle)| *golden != model.get(*port);
         if wanted.iter().any(differs) {
             let fields = wanted.iter();
-            let fields = fields
-                .map(|(name, golden, port)| Field::integer(*name, *golden, model.get(*port)));
+            let fields =
+                fields.map(|(name, golden, port)| Field::integer(*name, *golden, model.get(*port)));
             let place = format!("{:?} of the descriptor at {:#x}", list.next, list.at);
             return Err(self.bench.mismatch(place, fields.collect()));
         }

@@ -194,11 +194,10 @@ impl Run<'_> {
         while self.bench.tally.transactions < accesses {
             self.pace = Pace::random(&mut self.rng);
             let end = self.bench.tally.transactions + BATCH;
-            let mut until_reset = match self.rng.u8(..16) {
-                0 => self.rng.u64(..1000),
+            let mut until_reset = match self.rng.u8(..4) {
+                0 => self.rng.u64(..300),
                 _ => u64::MAX,
             };
-            // All registers are read after a reset before they are written.
             while self.bench.tally.transactions < end {
                 if until_reset == 0 {
                     self.reset();
@@ -212,6 +211,9 @@ impl Run<'_> {
     }
 
     fn reset(&mut self) {
+        // The neighbours do not know of it.
+        let given = self.give();
+        self.show(&given);
         self.bench.model.reset(RESET_CYCLES);
         self.bench.tally.categories.count(Category::CutShort, true);
         self.golden = Registers::new(self.config);
@@ -228,8 +230,15 @@ impl Run<'_> {
             _ => 0,
         };
         let place = if rng.f64() < self.pace.control {
-            let first = offset::LIST;
-            rng.u32(first..=offset::SNAPSHOT) & !3
+            let often = [
+                offset::DOORBELL,
+                offset::INTERRUPT_STATUS,
+                offset::INTERRUPT_ENABLE,
+            ];
+            match rng.bool() {
+                true => often[rng.usize(..often.len())],
+                false => rng.u32(offset::LIST..=offset::SNAPSHOT) & !3,
+            }
         } else {
             match rng.u8(..8) {
                 0 => rng.u32(..0x40) & !3,
@@ -308,7 +317,7 @@ impl Run<'_> {
             cycle: Cycle {
                 write: None,
                 starts: false,
-                signalled: running && rng.u8(..16) == 0,
+                signalled: running && rng.u8(..8) == 0,
                 ended,
             },
             counts,
@@ -393,8 +402,8 @@ impl Run<'_> {
         let differs = |(_, golden, port): &(&str, u64, PortHandle)| *golden != model.get(*port);
         if wanted.iter().any(differs) {
             let fields = wanted.iter();
-            let fields = fields
-                .map(|(name, golden, port)| Field::integer(*name, *golden, model.get(*port)));
+            let fields =
+                fields.map(|(name, golden, port)| Field::integer(*name, *golden, model.get(*port)));
             return Err(self.bench.mismatch("outputs", fields.collect()));
         }
         Ok((writes, given.read && arready))
@@ -455,8 +464,8 @@ impl Run<'_> {
         let categories = &mut self.bench.tally.categories;
         categories.count(Category::AddressFirst, given.address && !given.data);
         categories.count(Category::DataFirst, given.data && !given.address);
-        let waits = (self.host.responds && !given.bready)
-            || (self.host.shows.is_some() && !given.rready);
+        let waits =
+            (self.host.responds && !given.bready) || (self.host.shows.is_some() && !given.rready);
         categories.count(Category::WaitingResponse, waits);
         categories.count(
             Category::FailedList,

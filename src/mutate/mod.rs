@@ -206,7 +206,8 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
         "cast" => hw::chip::cast::module(&hw::Plan::new(&unit_cast::reference())?)?,
         "registers" => unit_registers::module(&hw::Plan::new(config)?)?,
         "commands" => {
-            hw::chip::commands::module(&hw::Plan::new(config)?, config.bus_data_bits)?
+            let config = unit_commands::reference();
+            hw::chip::commands::module(&hw::Plan::new(&config)?, config.bus_data_bits)?
         }
         "axi" => unit_axi::module_of(&unit_axi::reference())?,
         "combiner" | "arbiter" | "reader" => unit_bus::module(&unit_bus::Sizes::reference())?,
@@ -426,7 +427,8 @@ fn runs<'a>(
                     Ok(unit_registers::run(config, length, &play.options(seed))?.into())
                 }),
                 "lists" => Box::new(move |play: Play| {
-                    Ok(unit_commands::run(config, length, &play.options(seed))?.into())
+                    let (config, options) = (unit_commands::reference(), play.options(seed));
+                    Ok(unit_commands::run(&config, length, &options)?.into())
                 }),
                 "bursts" => Box::new(move |play: Play| {
                     let (bus, options) = (unit_axi::reference(), play.options(seed));

@@ -95,7 +95,7 @@ fn registers_in_front_of_any_host() {
 #[test]
 fn commands_follow_any_list() {
     let configs = [
-        Config::reference(),
+        unit_commands::reference(),
         variant(&[("bus.data_bits", "32"), ("packets.tag_bits", "7")]),
         variant(&[
             ("bus.data_bits", "64"),

@@ -101,9 +101,23 @@ fn seeded_faults_of_the_arithmetic_are_refuted() {
 #[test]
 fn seeded_faults_of_control_are_refuted() {
     let units = [
-        "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
-        "trace", "cache", "axi", "combiner", "arbiter", "reader",
-        "registers", "commands",
+        "slots",
+        "fifo",
+        "prefetch",
+        "credit",
+        "skin",
+        "geometry",
+        "tpu",
+        "stack",
+        "share",
+        "trace",
+        "cache",
+        "axi",
+        "combiner",
+        "arbiter",
+        "reader",
+        "registers",
+        "commands",
     ];
     hold(&rows(&few_packets(), &units, true, true), 80);
 }

@@ -247,7 +247,7 @@ fn kept_error<'b>(
     m.comment(
         "An error is kept until the list ends: of its address, or the first of a refused descriptor or of the bus.",
     );
-    let code = m.reg_reset("kept_code", CODE_BITS, 0);
+    let code = m.reg("kept_code", CODE_BITS);
     let value = m.reg("kept_value", ADDRESS_BITS);
     let none = code.q.is_zero();
     let refused = (now.decodes & decoded.fault & none).named("refuses");
@@ -262,10 +262,7 @@ fn kept_error<'b>(
         starts.mux(of_start, breaks.mux(bus_code, decoded.code)),
     );
     let of_list = breaks.mux(inputs.bus_error_address, decoded.value);
-    value.next_when(
-        starts | loads,
-        starts.mux(inputs.start_address, of_list),
-    );
+    value.next_when(starts | loads, starts.mux(inputs.start_address, of_list));
     (code.q, value.q)
 }
 
@@ -332,8 +329,7 @@ impl<'b> Lists<'_, 'b> {
         let asks = (now.invalidates & !asked.q).named("asks_to_invalidate");
         asked.next(asks | (asked.q & !invalidated));
         (states.idle).next(ended | (now.idle & !starts));
-        (states.fetches)
-            .next(jumps | advances | first | (now.fetches & !read_taken));
+        (states.fetches).next(jumps | advances | first | (now.fetches & !read_taken));
         (states.receives).next((now.fetches & read_taken) | (now.receives & !last_beat));
         (states.decodes).next(now.receives & last_beat);
         (states.waits).next(needs_cast | (now.waits & inputs.casting));
@@ -372,10 +368,12 @@ fn cast_start<'b>(m: &'b Builder, words: &[Signal<'b>]) -> CastStart<Signal<'b>>
     let count = words[cast::word::count];
     let origin = (cast::word::origin_x..=cast::word::tmin).rev();
     let origin: Vec<_> = origin.map(|k| words[k]).collect();
-    let both = count.low(WORD_ADDRESS_BITS - 1).concat(m.zero(1));
+    // At most 2^26 rays, of two words if they are not short.
+    let one = count.low(WORD_ADDRESS_BITS - 1);
+    let both = one.concat(m.zero(1));
     CastStart {
         rays_address: words[cast::word::rays],
-        words: short.mux(count.low(WORD_ADDRESS_BITS), both),
+        words: short.mux(one.extend(WORD_ADDRESS_BITS), both),
         cast: Cast {
             rays: Rays {
                 count,

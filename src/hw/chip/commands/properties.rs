@@ -229,7 +229,11 @@ impl<'b> Unit<'_, 'b> {
             self.has_scene.q.eq(box_read.q),
         );
         for (what, state, kind) in [
-            ("cast or a scene", now.waits, decoded.is_cast | decoded.is_scene),
+            (
+                "cast or a scene",
+                now.waits,
+                decoded.is_cast | decoded.is_scene,
+            ),
             ("scene", now.fetches_box, decoded.is_scene),
             ("signal", now.signals, decoded.is_signal),
         ] {
@@ -244,20 +248,25 @@ impl<'b> Unit<'_, 'b> {
         let in_range = count.any() & count.le(m.lit(self.most, COUNT_BITS));
         proof.assert(
             "a cast has a scene, aligned addresses and a number of rays in range",
-            out.cast_valid.implies(self.has_scene.q & aligned & in_range),
+            out.cast_valid
+                .implies(self.has_scene.q & aligned & in_range),
         );
         let offset = descriptor::BYTES.ilog2();
         proof.assert(
             "bursts are aligned to descriptors",
-            out.read.valid.implies(out.read.payload.address.low(offset).is_zero()),
+            out.read
+                .valid
+                .implies(out.read.payload.address.low(offset).is_zero()),
         );
         let odd = self.place.q.low(offset).any() & out.running;
         proof.assert(
             "a list at a misaligned address is not read",
             odd.implies(now.invalidates & self.begins.q & self.is_bad),
         );
-        let follows = self.place.q.eq(proof.past(self.place.q)
-            + m.lit(descriptor::BYTES, self.place.q.width()));
+        let follows = self
+            .place
+            .q
+            .eq(proof.past(self.place.q) + m.lit(descriptor::BYTES, self.place.q.width()));
         let jumped = proof.past(now.decodes & self.decoded.is_jump);
         let first = proof.past(self.begins.q);
         let comes = now.fetches & proof.past(!now.fetches & !m.reset());
@@ -324,7 +333,8 @@ impl<'b> Unit<'_, 'b> {
         );
         proof.assert(
             "commands are executed between begin and end",
-            self.in_command().implies(!self.begins.q & !self.ends_list.q),
+            self.in_command()
+                .implies(!self.begins.q & !self.ends_list.q),
         );
         proof.assert(
             "a list begins with invalid caches",
@@ -400,7 +410,10 @@ impl<'b> Unit<'_, 'b> {
                 self.code.reads(inputs.start_address).as_value(0),
             ),
             ("a scene survives a reset", self.has_scene.q.without_reset()),
-            ("a later error replaces the first", self.value.enable().as_value(1)),
+            (
+                "a later error replaces the first",
+                self.value.enable().as_value(1),
+            ),
             (
                 "errors of the bus do not count",
                 self.code.reads(inputs.bus_error_valid).as_value(0),

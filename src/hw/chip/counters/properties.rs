@@ -23,7 +23,10 @@ pub(super) fn counts<'b>(m: &'b Builder, counters: &[(String, Signal<'b>, Reg<'b
     let [(_, event, first), (_, _, second), ..] = counters else {
         return;
     };
-    proof.fault("an event is counted twice", first.q.literal_of(1).as_value(2));
+    proof.fault(
+        "an event is counted twice",
+        first.q.literal_of(1).as_value(2),
+    );
     proof.fault(
         "a counter counts in every cycle",
         first.q.enable().as_value(1),

@@ -3,8 +3,8 @@
 
 use super::{Control, Inputs, Outputs, WINDOW_BITS, WriteAccess};
 use crate::chip::registers::{interrupt, offset};
-use crate::hdl::properties::assert_shown_stays;
-use crate::hdl::{Bundle, Builder, Proof, Reg, Signal};
+use crate::hdl::properties::{assert_shown_stays, count};
+use crate::hdl::{Builder, Bundle, Proof, Reg, Signal};
 use std::collections::BTreeMap;
 
 /// The unit's parts.
@@ -61,19 +61,20 @@ impl<'b> Unit<'_, 'b> {
             (bus.awvalid & bus.wvalid & !out.bvalid).implies(out.awready),
         );
         let writes = bus.awvalid & out.awready;
-        let owed = proof.reg_reset("owed_response", 1, 0);
-        owed.next(writes | (owed.q & !(out.bvalid & bus.bready)));
-        proof.assert("a response is shown for each write", out.bvalid.eq(owed.q));
+        let owed = count(proof, 2, "owed_responses", writes, out.bvalid & bus.bready);
+        proof.assert(
+            "a response is shown for each write",
+            out.bvalid.extend(2).eq(owed),
+        );
         let reads = bus.arvalid & out.arready;
-        let owed = proof.reg_reset("owed_datum", 1, 0);
-        owed.next(reads | (owed.q & !(out.rvalid & bus.rready)));
+        let owed = count(proof, 2, "owed_data", reads, out.rvalid & bus.rready);
         proof.assert(
             "a datum is shown for each read, in the second cycle",
-            owed.q.eq(self.selects.q | out.rvalid) & !(self.selects.q & out.rvalid),
+            owed.eq(self.selects.q.extend(2) + out.rvalid.extend(2)),
         );
         proof.assert(
             "a read is refused only while one is under way",
-            out.arready.eq(!owed.q),
+            out.arready.eq(owed.is_zero()) & !owed.bit(1),
         );
         proof.cover(
             "a write and a read are answered at once",
@@ -170,10 +171,14 @@ impl<'b> Unit<'_, 'b> {
             "the end of a list is shown with its error",
             ended.implies(shown),
         );
+        let stays = |register: Signal<'b>| register.eq(proof.past(register));
         proof.assert(
             "an error is shown until a list starts or ends",
-            (known & !started & !ended)
-                .implies(control.code.q.eq(proof.past(control.code.q))),
+            (known & !started & !ended).implies(stays(control.code.q)),
+        );
+        proof.assert(
+            "the descriptor and the value of an error are shown until a list ends",
+            (known & !ended).implies(stays(control.descriptor.q) & stays(control.value.q)),
         );
         proof.cover(
             "a doorbell has no effect while a queued list starts",
@@ -184,8 +189,8 @@ impl<'b> Unit<'_, 'b> {
     /// Each bit of the status is set by its event and cleared by its 1 alone.
     fn interrupts(&self, proof: &Proof<'b>, known: Signal<'b>) {
         let (inputs, pending) = (self.inputs, self.control.pending.q);
-        let cleared = self.written(proof, offset::INTERRUPT_STATUS)
-            & proof.past(inputs.s_axi.wstrb.bit(0));
+        let cleared =
+            self.written(proof, offset::INTERRUPT_STATUS) & proof.past(inputs.s_axi.wstrb.bit(0));
         let failed = inputs.failure.code.any();
         let rings = self.written(proof, offset::DOORBELL);
         let events = [
@@ -221,10 +226,12 @@ impl<'b> Unit<'_, 'b> {
             "all registers are 0 after a reset",
             known | !self.m.or_all(&any),
         );
-        let enabled = pending & self.control.enable.q;
+        // Bit by bit: not the expression of the output, which a fault would change here too.
+        let enabled = |bit: u32| pending.bit(bit) & control.enable.q.bit(bit);
+        let enabled: Vec<_> = (0..interrupt::COUNT).map(enabled).collect();
         proof.assert(
             "the interrupt is high while an enabled event is pending",
-            self.outputs.irq.eq(enabled.any()),
+            self.outputs.irq.eq(self.m.or_all(&enabled)),
         );
         proof.cover(
             "the interrupt ends",
@@ -237,7 +244,13 @@ impl<'b> Unit<'_, 'b> {
         let snapshot = self.written(proof, offset::SNAPSHOT);
         let names = (self.inputs.count.fields().into_iter())
             .map(|(name, _)| name)
-            .chain(self.inputs.counted.fields().into_iter().map(|(name, _)| name));
+            .chain(
+                self.inputs
+                    .counted
+                    .fields()
+                    .into_iter()
+                    .map(|(name, _)| name),
+            );
         for (name, (copy, count)) in names.zip(self.copies) {
             let taken = snapshot.mux(proof.past(*count), proof.past(copy.q));
             proof.assert(
@@ -271,7 +284,11 @@ impl<'b> Unit<'_, 'b> {
             ),
             (
                 "a strobe does not count",
-                control.list.q.reads(self.write.strobes).with_flipped(1 << 1),
+                control
+                    .list
+                    .q
+                    .reads(self.write.strobes)
+                    .with_flipped(1 << 1),
             ),
             (
                 "a doorbell replaces the queued list",
@@ -295,7 +312,11 @@ impl<'b> Unit<'_, 'b> {
             ),
             (
                 "a failed list ends without an error",
-                control.pending.q.reads(self.inputs.failure.code).as_value(0),
+                control
+                    .pending
+                    .q
+                    .reads(self.inputs.failure.code)
+                    .as_value(0),
             ),
             (
                 "an interrupt is not cleared",
@@ -305,10 +326,16 @@ impl<'b> Unit<'_, 'b> {
                 "the interrupt does not ask whether it is enabled",
                 self.outputs.irq.reads(control.enable.q).as_value(15),
             ),
-            ("events are pending after a reset", control.pending.q.without_reset()),
+            (
+                "events are pending after a reset",
+                control.pending.q.without_reset(),
+            ),
             ("a reset leaves the list", control.list.q.without_reset()),
             ("a reset leaves the copies", copy.q.without_reset()),
-            ("a copy is taken in every cycle", copy.q.enable().as_value(1)),
+            (
+                "a copy is taken in every cycle",
+                copy.q.enable().as_value(1),
+            ),
         ] {
             proof.fault(what, fault);
         }
