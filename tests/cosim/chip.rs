@@ -1,7 +1,7 @@
 //! The units of the chip, each alone, and the whole chip.
 //!
 //! Tests print their seed; `DYNRT_SEED=… cargo test --test cosim chip::` replays them. With `DYNRT_FULL=1` the units have a million
-//! transactions each.
+//! transactions each, the cast unit in each of its configurations.
 
 use crate::support::{Prepared, full, prepare, seed};
 use dynrt::chip::descriptor::{Cast, Command, Scene, WORDS};
@@ -59,17 +59,20 @@ fn casts_read_rays_and_write_hits() {
     }
 }
 
-/// Transactions of a unit of the chip.
-fn transactions() -> u64 {
-    if full() { 1_000_000 } else { 20_000 }
+/// Transactions of a unit of the chip in each of its configurations.
+fn transactions(configs: usize) -> u64 {
+    match full() {
+        true => 1_000_000 / configs as u64,
+        false => 20_000,
+    }
 }
 
 /// Shows what came of a run; every category must have been met.
-fn check(config: &Config, report: anyhow::Result<UnitReport>) {
+fn check(config: &Config, least: u64, report: anyhow::Result<UnitReport>) {
     let report = report.unwrap_or_else(|error| panic!("{error:#}"));
     println!("{}: {}", config.name, report.summary());
     report.verdict().unwrap_or_else(|error| panic!("{error:#}"));
-    assert!(report.transactions >= transactions());
+    assert!(report.transactions >= least);
     for (category, count) in &report.categories {
         assert!(*count > 0, "{}: no {}", config.name, category.name());
     }
@@ -84,10 +87,11 @@ fn registers_in_front_of_any_host() {
         ("float.exponent_bits", "10"),
         ("float.fraction_bits", "23"),
     ]);
-    for config in [Config::reference(), narrow] {
-        let options = UnitOptions::new(seed());
-        let report = unit_registers::run(&config, transactions(), &options);
-        check(&config, report);
+    let (configs, seed) = ([Config::reference(), narrow], seed());
+    let least = transactions(configs.len());
+    for config in configs {
+        let report = unit_registers::run(&config, least, &UnitOptions::new(seed));
+        check(&config, least, report);
     }
 }
 
@@ -109,10 +113,10 @@ fn commands_follow_any_list() {
             ("float.fraction_bits", "2"),
         ]),
     ];
+    let (least, seed) = (transactions(configs.len()), seed());
     for config in configs {
-        let options = UnitOptions::new(seed());
-        let report = unit_commands::run(&config, transactions(), &options);
-        check(&config, report);
+        let report = unit_commands::run(&config, least, &UnitOptions::new(seed));
+        check(&config, least, report);
     }
 }
 

@@ -507,7 +507,7 @@ fn scene_registers<'b>(
         register.next_when(starts, words[word]);
         register.q
     };
-    let loads = m.reg_reset("box_loads", 1, 0);
+    let loads = m.reg("box_loads", 1);
     loads.next(box_arrives);
     let bytes: Vec<_> = words.iter().rev().copied().collect();
     let bytes = m.concat(&bytes);

@@ -162,14 +162,14 @@ impl<'b> Unit<'_, 'b> {
             "no error is shown once a list has started",
             (known & started).implies(control.code.q.is_zero()),
         );
-        let ended = proof.past(inputs.ended & !m.reset()) & !started;
+        let ended = proof.past(inputs.ended & !m.reset());
         let failure = inputs.failure;
         let shown = control.code.q.eq(proof.past(failure.code))
             & control.descriptor.q.eq(proof.past(failure.descriptor))
             & control.value.q.eq(proof.past(failure.value));
         proof.assert(
             "the end of a list is shown with its error",
-            ended.implies(shown),
+            (ended & !started).implies(shown),
         );
         let stays = |register: Signal<'b>| register.eq(proof.past(register));
         proof.assert(
