@@ -411,6 +411,10 @@ impl<'b> Unit<'_, 'b> {
             ),
             ("a scene survives a reset", self.has_scene.q.without_reset()),
             (
+                "a state survives a reset",
+                states.receives.q.without_reset(),
+            ),
+            (
                 "a later error replaces the first",
                 self.value.enable().as_value(1),
             ),
