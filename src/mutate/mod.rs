@@ -350,6 +350,42 @@ impl Scenes {
     }
 }
 
+/// The kinds of runs of a unit.
+fn kinds_of(unit: &str) -> &'static [&'static str] {
+    match unit {
+        "arithmetic" => &["operands"],
+        "tpu" => &["packets", "instances"],
+        "geometry" => &["tests", "transforms", "skins"],
+        "update" => &["programs"],
+        "cache" => &["requests"],
+        "axi" => &["bursts"],
+        "cast" => &["casts"],
+        "registers" => &["accesses"],
+        "commands" => &["lists"],
+        "combiner" | "arbiter" | "reader" => &["traffic"],
+        _ => &["rays", "skins"],
+    }
+}
+
+/// A run of a unit that is not in the core.
+fn run_outside_core(
+    config: &Config,
+    kind: &str,
+    length: u64,
+    options: &UnitOptions,
+) -> Result<Ended> {
+    Ok(match kind {
+        "requests" => unit_cache::run(&unit_cache::reference(), length, options)?
+            .unit
+            .into(),
+        "casts" => unit_cast::run(&unit_cast::reference(), length / 4, options)?.into(),
+        "accesses" => unit_registers::run(config, length, options)?.into(),
+        "lists" => unit_commands::run(&unit_commands::reference(), length, options)?.into(),
+        "bursts" => unit_axi::run(&unit_axi::reference(), length / 4, options)?.into(),
+        _ => unit_bus::run(&unit_bus::Sizes::reference(), length, options)?.into(),
+    })
+}
+
 /// The runs of a unit, the shortest first. `whole` is a model of the whole machine with the same mutants, for the runs that need it.
 fn runs<'a>(
     config: &'a Config,
@@ -359,20 +395,7 @@ fn runs<'a>(
 ) -> Result<Vec<Run<'a>>> {
     let mut all: Vec<Run<'a>> = vec![];
     for (seed, &length) in (1u64..).zip(&LENGTHS[..lengths]) {
-        let kinds: &[&str] = match unit {
-            "arithmetic" => &["operands"],
-            "tpu" => &["packets", "instances"],
-            "geometry" => &["tests", "transforms", "skins"],
-            "update" => &["programs"],
-            "cache" => &["requests"],
-            "axi" => &["bursts"],
-            "cast" => &["casts"],
-            "registers" => &["accesses"],
-            "commands" => &["lists"],
-            "combiner" | "arbiter" | "reader" => &["traffic"],
-            _ => &["rays", "skins"],
-        };
-        for &kind in kinds {
+        for &kind in kinds_of(unit) {
             let name = format!("{kind} {length}");
             let run: Box<dyn Fn(Play) -> Result<Ended> + Sync> = match kind {
                 "operands" => Box::new(move |play: Play| {
@@ -413,31 +436,11 @@ fn runs<'a>(
                     let report = unit_update::run(config, workload, traffic, &options)?;
                     Ok(report.unit.into())
                 }),
-                "requests" => Box::new(move |play: Play| {
-                    let shape = unit_cache::reference();
-                    Ok(unit_cache::run(&shape, length, &play.options(seed))?
-                        .unit
-                        .into())
-                }),
-                "casts" => Box::new(move |play: Play| {
-                    let (config, options) = (unit_cast::reference(), play.options(seed));
-                    Ok(unit_cast::run(&config, length / 4, &options)?.into())
-                }),
-                "accesses" => Box::new(move |play: Play| {
-                    Ok(unit_registers::run(config, length, &play.options(seed))?.into())
-                }),
-                "lists" => Box::new(move |play: Play| {
-                    let (config, options) = (unit_commands::reference(), play.options(seed));
-                    Ok(unit_commands::run(&config, length, &options)?.into())
-                }),
-                "bursts" => Box::new(move |play: Play| {
-                    let (bus, options) = (unit_axi::reference(), play.options(seed));
-                    Ok(unit_axi::run(&bus, length / 4, &options)?.into())
-                }),
-                "traffic" => Box::new(move |play: Play| {
-                    let (sizes, options) = (unit_bus::Sizes::reference(), play.options(seed));
-                    Ok(unit_bus::run(&sizes, length, &options)?.into())
-                }),
+                "requests" | "casts" | "accesses" | "lists" | "bursts" | "traffic" => {
+                    Box::new(move |play: Play| {
+                        run_outside_core(config, kind, length, &play.options(seed))
+                    })
+                }
                 "rays" => {
                     let count = 1 + length as usize / 4000;
                     let scenes = Scenes::new(config, count, 600, seed)?;
