@@ -22,6 +22,8 @@ Units:
   axi               the AXI4 master: the rules of the bus, in front of any slave that obeys its own
   combiner, arbiter the write combiner, the read arbiter: bytes and their order, bursts unchanged and in turn, no deadlock
   reader            burst readers: no overflow, bursts within their block, no deadlock
+  registers         the chip's register file: accesses, doorbells, interrupts, snapshots; its event counters
+  commands          the command processor: order of the list, waits, errors, no deadlock
   trace             the core behaves the same with and without trace ports
 
 Arithmetic is compared with an independent reference by ABC, on gates that Yosys makes of both; before that, every path through

@@ -3,6 +3,7 @@
 //! [`model`] builds a module into a library and drives it clock by clock; [`memory`] stands in for what a
 //! unit's ports lead to. Both are generic: they know nothing of ray tracing. [`raycast`] drives the whole ray
 //! casting unit, [`unit_tpu`], [`unit_geometry`], [`unit_skinning`], [`unit_update`] and [`unit_cache`] drive one unit each, on a [`workload`] or a random one, under a [`scoreboard`];
+//! [`unit_cast`], [`unit_commands`] and [`unit_registers`] drive the units of the chip;
 //! [`unit_axi`] drives the AXI4 master and [`unit_bus`] a memory system, in front of the slave of [`axi`];
 //! [`mismatch`] says where RTL and golden model differ.
 
@@ -20,7 +21,9 @@ pub mod unit_axi;
 pub mod unit_bus;
 pub mod unit_cache;
 pub mod unit_cast;
+pub mod unit_commands;
 pub mod unit_geometry;
+pub mod unit_registers;
 pub mod unit_skinning;
 pub mod unit_tpu;
 pub mod unit_update;

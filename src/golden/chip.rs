@@ -73,6 +73,16 @@ impl Chip {
     pub fn run(&mut self, memory: &mut Memory, list: u32, most: usize) -> Outcome {
         let mut outcome = Outcome::default();
         let mut at = list;
+        if !list.is_multiple_of(descriptor::BYTES) {
+            outcome.error = Some(Error {
+                fault: Fault {
+                    code: Fault::ALIGNMENT,
+                    value: list,
+                },
+                descriptor: list,
+            });
+            return outcome;
+        }
         for _ in 0..most {
             match self.execute(memory, at, &mut outcome) {
                 Ok(Next::Go(to)) => at = to,

@@ -12,6 +12,7 @@
 //! | [`geometry`] | both triangle tests, the interval of the triangle's box, the merge of hits |
 //! | [`raycast`] | a packet in all of these units: [`Caster`] |
 //! | [`chip`] | the chip: executes a command list on a memory of bytes |
+//! | [`registers`] | the chip's register file: what an access reads and changes |
 //! | [`skinning`] | the skinning processor: computes vertices from a palette of matrices and influences |
 //! | [`update`] | the update processor: computes bounds from vertices by a program |
 //! | [`cache`] | a cache: hits, misses, replaced lines, given the order of lookups and answers |
@@ -26,6 +27,7 @@ pub mod geometry;
 pub mod lanes;
 pub mod oracle;
 pub mod raycast;
+pub mod registers;
 pub mod setup;
 pub mod skinning;
 pub mod tpu;

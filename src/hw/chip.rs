@@ -4,6 +4,7 @@
 pub mod answers;
 pub mod cast;
 pub mod commands;
+pub mod counters;
 pub mod hits;
 mod memory;
 pub mod monitored;

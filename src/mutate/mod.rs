@@ -14,6 +14,8 @@
 //! | `raycast` | ray setup, skinning processor, what joins the units | whole small scenes of two levels; random skinned meshes |
 //! | `cache` | a cache, which is not in the core | requests of every locality |
 //! | `cast` | the chip's ray reader and hit writer | casts in front of a random ray casting unit |
+//! | `registers` | the chip's register file and event counters | accesses of a random host |
+//! | `commands` | the chip's command processor | random command lists |
 //! | `axi` | AXI4 master | bursts in front of a random slave |
 //! | `combiner`, `arbiter`, `reader` | write combiner; read arbiter; burst reader | a memory system in front of a random slave |
 
@@ -29,8 +31,8 @@ use crate::cosim::raycast::RaycastUnit;
 use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, SELECT, UnitOptions, UnitReport};
 use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{
-    raycast, unit_arithmetic, unit_axi, unit_bus, unit_cache, unit_cast, unit_geometry,
-    unit_skinning, unit_tpu, unit_update,
+    raycast, unit_arithmetic, unit_axi, unit_bus, unit_cache, unit_cast, unit_commands,
+    unit_geometry, unit_registers, unit_skinning, unit_tpu, unit_update,
 };
 use crate::hdl::{Design, Mutation, Select, Site};
 use crate::hw;
@@ -45,7 +47,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// The units, whose modules are mutated. What is not in the core comes last, so that mutants of the core keep their numbers.
-pub const UNITS: [&str; 11] = [
+pub const UNITS: [&str; 13] = [
     "arithmetic",
     "tpu",
     "geometry",
@@ -57,6 +59,8 @@ pub const UNITS: [&str; 11] = [
     "arbiter",
     "reader",
     "cast",
+    "registers",
+    "commands",
 ];
 
 /// The modules that are mutated of a unit of the memory system; its neighbours are there for its bench. Empty: all.
@@ -200,6 +204,11 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
         "raycast" => return Ok(hw::emit(plan)?.design.apart()?),
         "cache" => hw::memory::cache::module("cache", &unit_cache::reference())?,
         "cast" => hw::chip::cast::module(&hw::Plan::new(&unit_cast::reference())?)?,
+        "registers" => unit_registers::module(&hw::Plan::new(config)?)?,
+        "commands" => {
+            let config = unit_commands::reference();
+            hw::chip::commands::module(&hw::Plan::new(&config)?, config.bus_data_bits)?
+        }
         "axi" => unit_axi::module_of(&unit_axi::reference())?,
         "combiner" | "arbiter" | "reader" => unit_bus::module(&unit_bus::Sizes::reference())?,
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
@@ -342,6 +351,42 @@ impl Scenes {
     }
 }
 
+/// The kinds of runs of a unit.
+fn kinds_of(unit: &str) -> &'static [&'static str] {
+    match unit {
+        "arithmetic" => &["operands"],
+        "tpu" => &["packets", "instances"],
+        "geometry" => &["tests", "transforms", "skins"],
+        "update" => &["programs"],
+        "cache" => &["requests"],
+        "axi" => &["bursts"],
+        "cast" => &["casts"],
+        "registers" => &["accesses"],
+        "commands" => &["lists"],
+        "combiner" | "arbiter" | "reader" => &["traffic"],
+        _ => &["rays", "skins"],
+    }
+}
+
+/// A run of a unit that is not in the core.
+fn run_outside_core(
+    config: &Config,
+    kind: &str,
+    length: u64,
+    options: &UnitOptions,
+) -> Result<Ended> {
+    Ok(match kind {
+        "requests" => unit_cache::run(&unit_cache::reference(), length, options)?
+            .unit
+            .into(),
+        "casts" => unit_cast::run(&unit_cast::reference(), length / 4, options)?.into(),
+        "accesses" => unit_registers::run(config, length, options)?.into(),
+        "lists" => unit_commands::run(&unit_commands::reference(), length, options)?.into(),
+        "bursts" => unit_axi::run(&unit_axi::reference(), length / 4, options)?.into(),
+        _ => unit_bus::run(&unit_bus::Sizes::reference(), length, options)?.into(),
+    })
+}
+
 /// The runs of a unit, the shortest first. `whole` is a model of the whole machine with the same mutants, for the runs that need it.
 fn runs<'a>(
     config: &'a Config,
@@ -351,18 +396,7 @@ fn runs<'a>(
 ) -> Result<Vec<Run<'a>>> {
     let mut all: Vec<Run<'a>> = vec![];
     for (seed, &length) in (1u64..).zip(&LENGTHS[..lengths]) {
-        let kinds: &[&str] = match unit {
-            "arithmetic" => &["operands"],
-            "tpu" => &["packets", "instances"],
-            "geometry" => &["tests", "transforms", "skins"],
-            "update" => &["programs"],
-            "cache" => &["requests"],
-            "axi" => &["bursts"],
-            "cast" => &["casts"],
-            "combiner" | "arbiter" | "reader" => &["traffic"],
-            _ => &["rays", "skins"],
-        };
-        for &kind in kinds {
+        for &kind in kinds_of(unit) {
             let name = format!("{kind} {length}");
             let run: Box<dyn Fn(Play) -> Result<Ended> + Sync> = match kind {
                 "operands" => Box::new(move |play: Play| {
@@ -403,24 +437,11 @@ fn runs<'a>(
                     let report = unit_update::run(config, workload, traffic, &options)?;
                     Ok(report.unit.into())
                 }),
-                "requests" => Box::new(move |play: Play| {
-                    let shape = unit_cache::reference();
-                    Ok(unit_cache::run(&shape, length, &play.options(seed))?
-                        .unit
-                        .into())
-                }),
-                "casts" => Box::new(move |play: Play| {
-                    let (config, options) = (unit_cast::reference(), play.options(seed));
-                    Ok(unit_cast::run(&config, length / 4, &options)?.into())
-                }),
-                "bursts" => Box::new(move |play: Play| {
-                    let (bus, options) = (unit_axi::reference(), play.options(seed));
-                    Ok(unit_axi::run(&bus, length / 4, &options)?.into())
-                }),
-                "traffic" => Box::new(move |play: Play| {
-                    let (sizes, options) = (unit_bus::Sizes::reference(), play.options(seed));
-                    Ok(unit_bus::run(&sizes, length, &options)?.into())
-                }),
+                "requests" | "casts" | "accesses" | "lists" | "bursts" | "traffic" => {
+                    Box::new(move |play: Play| {
+                        run_outside_core(config, kind, length, &play.options(seed))
+                    })
+                }
                 "rays" => {
                     let count = 1 + length as usize / 4000;
                     let scenes = Scenes::new(config, count, 600, seed)?;

@@ -5,7 +5,7 @@
 //! fails in the first cycles after reset, and that if all hold for a number of cycles they also hold in the next one. Therefore they
 //! always hold. Logic on which the properties do not depend is removed.
 
-use super::{Outcome, cast, memory, tools};
+use super::{Outcome, cast, chip, memory, tools};
 use crate::config::Config;
 use crate::emit;
 use crate::hdl::{Design, Module, ProofFacts};
@@ -123,6 +123,7 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
     }
     let mut found = memory::proofs(unit)?;
     found.extend(cast::proofs(unit)?);
+    found.extend(chip::proofs(unit, config)?);
     for wanted in WANTED.iter().filter(|wanted| wanted.unit == unit) {
         let mut config = config.clone();
         for (key, value) in wanted.few {

@@ -8,6 +8,7 @@
 mod aig;
 mod arithmetic;
 mod cast;
+mod chip;
 pub mod formal;
 mod induction;
 mod memory;
@@ -26,7 +27,7 @@ use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 22] = [
+pub const UNITS: [(&str, &str); 24] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -96,6 +97,14 @@ pub const UNITS: [(&str, &str); 22] = [
     (
         "cast",
         "the cast unit: rays, packets, answers in order, writes, ports, no deadlock",
+    ),
+    (
+        "registers",
+        "the register file and the event counters: accesses, doorbells, interrupts, snapshots",
+    ),
+    (
+        "commands",
+        "the command processor: order, waits, errors, ports, no deadlock",
     ),
 ];
 

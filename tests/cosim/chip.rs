@@ -1,7 +1,7 @@
 //! The units of the chip, each alone, and the whole chip.
 //!
 //! Tests print their seed; `DYNRT_SEED=… cargo test --test cosim chip::` replays them. With `DYNRT_FULL=1` the units have a million
-//! transactions each.
+//! transactions each, the cast unit in each of its configurations.
 
 use crate::support::{Prepared, full, prepare, seed};
 use dynrt::chip::descriptor::{Cast, Command, Scene, WORDS};
@@ -10,8 +10,8 @@ use dynrt::chip::most_rays;
 use dynrt::config::{Config, MemoryModel};
 use dynrt::cosim::chip::{Behaviour, Chip, Options, Report};
 use dynrt::cosim::lists::Lists;
-use dynrt::cosim::scoreboard::UnitOptions;
-use dynrt::cosim::unit_cast;
+use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
+use dynrt::cosim::{unit_cast, unit_commands, unit_registers};
 
 /// The reference with some keys changed.
 fn variant(keys: &[(&str, &str)]) -> Config {
@@ -56,6 +56,67 @@ fn casts_read_rays_and_write_hits() {
         for (category, count) in report.categories.iter().filter(|_| number == 0) {
             assert!(*count > 0, "no {}", category.name());
         }
+    }
+}
+
+/// Transactions of a unit of the chip in each of its configurations.
+fn transactions(configs: usize) -> u64 {
+    match full() {
+        true => 1_000_000 / configs as u64,
+        false => 20_000,
+    }
+}
+
+/// Shows what came of a run; every category must have been met.
+fn check(config: &Config, least: u64, report: anyhow::Result<UnitReport>) {
+    let report = report.unwrap_or_else(|error| panic!("{error:#}"));
+    println!("{}: {}", config.name, report.summary());
+    report.verdict().unwrap_or_else(|error| panic!("{error:#}"));
+    assert!(report.transactions >= least);
+    for (category, count) in &report.categories {
+        assert!(*count > 0, "{}: no {}", config.name, category.name());
+    }
+}
+
+/// Accesses of a random host while lists start, end and fail, compared in every cycle with the golden register file.
+#[test]
+fn registers_in_front_of_any_host() {
+    let narrow = variant(&[
+        ("packets.rays", "1"),
+        ("packets.tag_bits", "7"),
+        ("float.exponent_bits", "10"),
+        ("float.fraction_bits", "23"),
+    ]);
+    let (configs, seed) = ([Config::reference(), narrow], seed());
+    let least = transactions(configs.len());
+    for config in configs {
+        let report = unit_registers::run(&config, least, &UnitOptions::new(seed));
+        check(&config, least, report);
+    }
+}
+
+/// Random lists with all commands and all errors, on buses of every width and with boxes of every size, behind neighbours of any pace.
+#[test]
+fn commands_follow_any_list() {
+    let configs = [
+        unit_commands::reference(),
+        variant(&[("bus.data_bits", "32"), ("packets.tag_bits", "7")]),
+        variant(&[
+            ("bus.data_bits", "64"),
+            ("float.exponent_bits", "10"),
+            ("float.fraction_bits", "23"),
+        ]),
+        variant(&[
+            ("bus.data_bits", "256"),
+            ("packets.tag_bits", "32"),
+            ("float.exponent_bits", "3"),
+            ("float.fraction_bits", "2"),
+        ]),
+    ];
+    let (least, seed) = (transactions(configs.len()), seed());
+    for config in configs {
+        let report = unit_commands::run(&config, least, &UnitOptions::new(seed));
+        check(&config, least, report);
     }
 }
 
@@ -185,6 +246,9 @@ fn wrong_descriptors_end_their_list_and_not_the_next() {
             setting.memory.place("wrong list", &bytes).unwrap()
         })
         .collect();
+    // The last one is read nowhere: its address is wrong.
+    let odd = lists[0] + 32;
+    let lists: Vec<u32> = lists.into_iter().chain([odd]).collect();
     let (mut memory, _) = setting.memory.finish();
     for (number, &list) in lists.iter().enumerate() {
         let report = run(&mut chip, &mut memory, list);

@@ -101,10 +101,26 @@ fn seeded_faults_of_the_arithmetic_are_refuted() {
 #[test]
 fn seeded_faults_of_control_are_refuted() {
     let units = [
-        "slots", "fifo", "prefetch", "credit", "skin", "geometry", "tpu", "stack", "share",
-        "trace", "cache", "axi", "combiner", "arbiter", "reader", "cast",
+        "slots",
+        "fifo",
+        "prefetch",
+        "credit",
+        "skin",
+        "geometry",
+        "tpu",
+        "stack",
+        "share",
+        "trace",
+        "cache",
+        "axi",
+        "combiner",
+        "arbiter",
+        "reader",
+        "registers",
+        "commands",
+        "cast",
     ];
-    hold(&rows(&few_packets(), &units, true, true), 135);
+    hold(&rows(&few_packets(), &units, true, true), 170);
 }
 
 /// Both machines of every named configuration agree, and a large amount of logic was compared.

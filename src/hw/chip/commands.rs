@@ -1,5 +1,7 @@
 //! The command processor: executes command lists.
 
+mod properties;
+
 use super::cast::Cast;
 use super::hits::Hits;
 use super::rays::Rays;
@@ -157,7 +159,12 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
         is_bad,
         decoded: &decoded,
     };
-    let steps = lists.follow(&states, read_taken, last_beat);
+    let Followed {
+        steps,
+        begins,
+        ends_list,
+        asked,
+    } = lists.follow(&states, read_taken, last_beat);
     has_scene.next(steps.box_arrives | has_scene.q);
 
     m.comment("The descriptor that is executed.");
@@ -209,10 +216,27 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
         },
     };
     ports.outputs.outputs(&m, outputs);
+    properties::executes(&properties::Unit {
+        m: &m,
+        most: most_rays(&plan.config),
+        inputs: &inputs,
+        outputs: &outputs,
+        states: &states,
+        steps: &steps,
+        decoded: &decoded,
+        is_bad,
+        code,
+        value,
+        place,
+        has_scene,
+        begins,
+        ends_list,
+        asked,
+    });
     m.finish()
 }
 
-/// The code and the wrong value of the first error of a list: of a refused descriptor, or of the bus.
+/// The code and the wrong value of the first error of a list: of its own address, of a refused descriptor, or of the bus.
 fn kept_error<'b>(
     m: &'b Builder,
     inputs: &Inputs<Signal<'b>>,
@@ -221,21 +245,35 @@ fn kept_error<'b>(
     decoded: &Decoded<'b>,
 ) -> (Signal<'b>, Signal<'b>) {
     m.comment(
-        "An error is kept until the list ends: the first of a refused descriptor or of the bus.",
+        "An error is kept until the list ends: of its address, or the first of a refused descriptor or of the bus.",
     );
-    let code = m.reg_reset("kept_code", CODE_BITS, 0);
+    let code = m.reg("kept_code", CODE_BITS);
     let value = m.reg("kept_value", ADDRESS_BITS);
     let none = code.q.is_zero();
     let refused = (now.decodes & decoded.fault & none).named("refuses");
     let breaks = (inputs.bus_error_valid & none & !now.idle).named("bus_breaks");
     let bus_code = m.lit(Fault::BUS, CODE_BITS);
     let loads = (refused | breaks).named("failure_loads");
+    let offset = descriptor::BYTES.ilog2();
+    let is_odd = inputs.start_address.low(offset).any();
+    let of_start = is_odd.mux(m.lit(Fault::ALIGNMENT, CODE_BITS), m.zero(CODE_BITS));
     code.next_when(
         starts | loads,
-        starts.mux(m.zero(CODE_BITS), breaks.mux(bus_code, decoded.code)),
+        starts.mux(of_start, breaks.mux(bus_code, decoded.code)),
     );
-    value.next_when(loads, breaks.mux(inputs.bus_error_address, decoded.value));
+    let of_list = breaks.mux(inputs.bus_error_address, decoded.value);
+    value.next_when(starts | loads, starts.mux(inputs.start_address, of_list));
     (code.q, value.q)
+}
+
+/// What happens, and what is known of the fence that is executed.
+struct Followed<'b> {
+    steps: Steps<Signal<'b>>,
+    /// Whether the list begins with it; whether the list ends after it.
+    begins: Reg<'b>,
+    ends_list: Reg<'b>,
+    /// Whether the caches have been asked to invalidate themselves.
+    asked: Reg<'b>,
 }
 
 /// What the states of a list follow from.
@@ -255,7 +293,7 @@ impl<'b> Lists<'_, 'b> {
         states: &States<Reg<'b>>,
         read_taken: Signal<'b>,
         last_beat: Signal<'b>,
-    ) -> Steps<Signal<'b>> {
+    ) -> Followed<'b> {
         let Lists {
             m,
             inputs,
@@ -280,18 +318,18 @@ impl<'b> Lists<'_, 'b> {
         begins.next_when(starts | invalidated, starts);
         let ends_list = m.reg("ends_list", 1);
         ends_list.next_when(starts | now.decodes, now.decodes & (decoded.is_end | stops));
-        let is_over = (!begins.q & (ends_list.q | is_bad)).named("is_over");
+        let is_over = (is_bad | (!begins.q & ends_list.q)).named("is_over");
         let ended = (invalidated & is_over).named("list_ends");
         let jumps = (goes & decoded.is_jump).named("jumps");
         let goes_on = invalidated & !begins.q & !is_over;
+        let first = (invalidated & begins.q & !is_bad).named("reads_first");
         let advances = (signal_taken | cast_starts | box_arrives | goes_on).named("advances");
         let is_signal = (goes & decoded.is_signal).named("signal_starts");
         let needs_cast = (goes & (decoded.is_cast | decoded.is_scene)).named("needs_cast_unit");
         let asks = (now.invalidates & !asked.q).named("asks_to_invalidate");
         asked.next(asks | (asked.q & !invalidated));
         (states.idle).next(ended | (now.idle & !starts));
-        (states.fetches)
-            .next(jumps | advances | (invalidated & begins.q) | (now.fetches & !read_taken));
+        (states.fetches).next(jumps | advances | first | (now.fetches & !read_taken));
         (states.receives).next((now.fetches & read_taken) | (now.receives & !last_beat));
         (states.decodes).next(now.receives & last_beat);
         (states.waits).next(needs_cast | (now.waits & inputs.casting));
@@ -304,7 +342,7 @@ impl<'b> Lists<'_, 'b> {
         );
         (states.flushes).next(drained | (now.flushes & !flushed));
         (states.invalidates).next(starts | flushed | (now.invalidates & !invalidated));
-        Steps {
+        let steps = Steps {
             cast_starts,
             scene_starts,
             box_arrives,
@@ -313,6 +351,12 @@ impl<'b> Lists<'_, 'b> {
             ended,
             jumps,
             advances,
+        };
+        Followed {
+            steps,
+            begins,
+            ends_list,
+            asked,
         }
     }
 }
@@ -324,10 +368,12 @@ fn cast_start<'b>(m: &'b Builder, words: &[Signal<'b>]) -> CastStart<Signal<'b>>
     let count = words[cast::word::count];
     let origin = (cast::word::origin_x..=cast::word::tmin).rev();
     let origin: Vec<_> = origin.map(|k| words[k]).collect();
-    let both = count.low(WORD_ADDRESS_BITS - 1).concat(m.zero(1));
+    // At most 2^26 rays, of two words if they are not short.
+    let one = count.low(WORD_ADDRESS_BITS - 1);
+    let both = one.concat(m.zero(1));
     CastStart {
         rays_address: words[cast::word::rays],
-        words: short.mux(count.low(WORD_ADDRESS_BITS), both),
+        words: short.mux(one.extend(WORD_ADDRESS_BITS), both),
         cast: Cast {
             rays: Rays {
                 count,
@@ -461,7 +507,7 @@ fn scene_registers<'b>(
         register.next_when(starts, words[word]);
         register.q
     };
-    let loads = m.reg_reset("box_loads", 1, 0);
+    let loads = m.reg("box_loads", 1);
     loads.next(box_arrives);
     let bytes: Vec<_> = words.iter().rev().copied().collect();
     let bytes = m.concat(&bytes);

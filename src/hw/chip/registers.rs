@@ -1,8 +1,10 @@
-//! The register file: the AXI4-Lite slave, doorbells, interrupts, and the counters with their snapshot. The registers are those of
+//! The register file: the AXI4-Lite slave, doorbells, interrupts, and the snapshot of the counters. The registers are those of
 //! [`crate::chip::registers`].
 
+mod properties;
+
 use super::commands::Failure;
-use super::memory::Events as MemoryEvents;
+use super::counters::Counted;
 use crate::chip::registers::{
     self as table, Access, COUNTER_BITS, COUNTERS, interrupt, offset, status,
 };
@@ -39,16 +41,6 @@ bundle! {
     }
 }
 
-bundle! {
-    /// Events that are counted here, in the order of the counters in the table.
-    pub struct Events() {
-        list_cycles: 1,
-        cast_cycles: 1,
-        cast_rays: 1,
-        memory: ..{MemoryEvents}(),
-    }
-}
-
 interface! {
     pub () {
         in "" { s_axi: {LiteInputs}() }
@@ -61,7 +53,7 @@ interface! {
             failure: {Failure}(),
         }
         in "Counters of the ray casting unit" { count: {Counters}() }
-        in "Events to count" { event: {Events}() }
+        in "Counters of the chip" { counted: {Counted}() }
         out "Command list to start" { start_valid: 1, start_address: ADDRESS_BITS }
         out "Interrupt request, high while an enabled event is pending" { irq: 1 }
     }
@@ -95,7 +87,9 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     };
 
     let control = control(&m, &inputs, &write);
-    let counters = counters(&m, &inputs, write.to(offset::SNAPSHOT));
+    let snapshot = write.to(offset::SNAPSHOT).named("takes_snapshot");
+    let copies = copies(&m, &inputs, snapshot);
+    let words = all_words(&m, plan, &control, &copies);
 
     m.comment("A read takes two cycles: the address is registered, then the selected word.");
     let address = m.reg("read_address", WINDOW_BITS);
@@ -107,14 +101,6 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     selects.next(reads);
     shows.next(selects.q | (shows.q & !bus.rready));
     address.next_when(reads, bus.araddr);
-    let mut words: BTreeMap<u32, Signal<'_>> = control.words;
-    for register in table::registers(&plan.config) {
-        if register.access == Access::ReadOnly && register.reset != 0 {
-            let name = format!("{}_VALUE", register.name);
-            words.insert(register.offset, m.constant(&name, register.reset, 32));
-        }
-    }
-    words.extend(counters);
     let last = words.keys().last().expect("there are registers") / 4;
     let bits = last.ilog2() + 1;
     let inside = address
@@ -123,6 +109,7 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         .is_zero()
         .named("is_inside");
     let selected = tree(address.q.field(2, bits), 0, &words).unwrap_or(m.zero(32));
+    let selected = selected.named("selected_word");
     data.next_when(selects.q, inside.mux(selected, m.zero(32)));
 
     let outputs = Outputs {
@@ -136,12 +123,46 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             rdata: data.q,
             rresp: m.zero(2),
         },
-        start_valid: control.start_valid,
-        start_address: control.start_address,
+        start_valid: control.queued.q,
+        start_address: control.next.q,
         irq: control.interrupt,
     };
     ports.outputs.outputs(&m, outputs);
+    properties::serves(&properties::Unit {
+        m: &m,
+        inputs: &inputs,
+        outputs: &outputs,
+        write: &write,
+        responds,
+        address,
+        selects,
+        control: &control,
+        words: &words,
+        copies: &copies,
+    });
     m.finish()
+}
+
+/// The words that are read, by offset: all registers whose reset value or later value is not 0.
+fn all_words<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    control: &Control<'b>,
+    copies: &[(Reg<'b>, Signal<'b>)],
+) -> BTreeMap<u32, Signal<'b>> {
+    let mut words = control.words.clone();
+    for register in table::registers(&plan.config) {
+        if register.access == Access::ReadOnly && register.reset != 0 {
+            let name = format!("{}_VALUE", register.name);
+            words.insert(register.offset, m.constant(&name, register.reset, 32));
+        }
+    }
+    for (place, (copy, _)) in copies.iter().enumerate() {
+        let [low, high] = table::counter(place);
+        words.insert(low, copy.q.low(32));
+        words.insert(high, copy.q.high(COUNTER_BITS - 32).extend(32));
+    }
+    words
 }
 
 /// A write to the registers.
@@ -181,8 +202,15 @@ impl<'b> WriteAccess<'b> {
 /// Doorbell, status and interrupts.
 struct Control<'b> {
     words: BTreeMap<u32, Signal<'b>>,
-    start_valid: Signal<'b>,
-    start_address: Signal<'b>,
+    /// The registers, for the words and for the properties.
+    list: Reg<'b>,
+    queued: Reg<'b>,
+    next: Reg<'b>,
+    code: Reg<'b>,
+    descriptor: Reg<'b>,
+    value: Reg<'b>,
+    enable: Reg<'b>,
+    pending: Reg<'b>,
     interrupt: Signal<'b>,
 }
 
@@ -192,7 +220,7 @@ fn control<'b>(
     write: &WriteAccess<'b>,
 ) -> Control<'b> {
     m.comment("A doorbell starts the list, or queues it; behind a queued list it has no effect.");
-    let list = m.reg("list", ADDRESS_BITS);
+    let list = m.reg_reset("list", ADDRESS_BITS, 0);
     write.store(&list, offset::LIST);
     let rings = write.to(offset::DOORBELL).named("rings");
     let queued = m.reg_reset("is_queued", 1, 0);
@@ -207,8 +235,8 @@ fn control<'b>(
     let failure = inputs.failure;
     let failed = failure.code.any().named("has_failed");
     let code = m.reg_reset("error_code", failure.code.width(), 0);
-    let descriptor = m.reg("error_descriptor", ADDRESS_BITS);
-    let value = m.reg("error_address", ADDRESS_BITS);
+    let descriptor = m.reg_reset("error_descriptor", ADDRESS_BITS, 0);
+    let value = m.reg_reset("error_address", ADDRESS_BITS, 0);
     code.next_when(
         starts | inputs.ended,
         starts.mux(m.zero(code.q.width()), failure.code),
@@ -246,37 +274,34 @@ fn control<'b>(
     ];
     Control {
         words: words.map(|(at, word)| (at, word.extend(32))).into(),
-        start_valid: queued.q,
-        start_address: next.q,
+        list,
+        queued,
+        next,
+        code,
+        descriptor,
+        value,
+        enable,
+        pending,
         interrupt: (pending.q & enable.q).any(),
     }
 }
 
-/// The counters' copies, by the offsets of their registers.
-fn counters<'b>(
+/// The counters' copies, in the order of the table, with what they copy.
+fn copies<'b>(
     m: &'b Builder,
     inputs: &Inputs<Signal<'b>>,
     snapshot: Signal<'b>,
-) -> Vec<(u32, Signal<'b>)> {
-    m.comment("Counters, and their copies: all of one cycle.");
-    let snapshot = snapshot.named("takes_snapshot");
+) -> Vec<(Reg<'b>, Signal<'b>)> {
+    m.comment("The copies of the counters: all of one cycle.");
     let of_core = inputs.count.fields().into_iter();
-    let mut all: Vec<Signal<'b>> = of_core.map(|(_, count)| count).collect();
-    let events = inputs.event.fields().into_iter();
-    for (name, event) in events {
-        let count = m.reg_reset(format!("count_{name}"), COUNTER_BITS, 0);
-        count.next_when(event, count.q + m.lit(1u8, COUNTER_BITS));
-        all.push(count.q);
-    }
-    let copies = COUNTERS.iter().zip(all).enumerate();
-    let copies = copies.flat_map(|(place, ((name, _), count))| {
-        let copy = m.reg(format!("copy_{name}"), COUNTER_BITS);
+    let of_chip = inputs.counted.fields().into_iter();
+    let all = of_core.chain(of_chip).map(|(_, count)| count);
+    let copy = |(count, (name, _)): (Signal<'b>, &(&str, &str))| {
+        let copy = m.reg_reset(format!("copy_{name}"), COUNTER_BITS, 0);
         copy.next_when(snapshot, count);
-        let [low, high] = table::counter(place);
-        let upper = copy.q.high(COUNTER_BITS - 32).extend(32);
-        [(low, copy.q.low(32)), (high, upper)]
-    });
-    copies.collect()
+        (copy, count)
+    };
+    all.zip(COUNTERS).map(copy).collect()
 }
 
 /// Selects the word at the number `index`: a tree of multiplexers. `first` is the number of the first word of the subtree. `None` where
@@ -308,7 +333,7 @@ mod tests {
     #[test]
     fn the_counters_are_those_of_the_table() {
         let of_core = Counters::of().fields();
-        let of_chip = Events::of().fields();
+        let of_chip = Counted::of().fields();
         let names = of_core
             .iter()
             .chain(&of_chip)

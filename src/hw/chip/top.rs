@@ -3,7 +3,7 @@
 use super::cast;
 use super::memory::{self, CachedInputs, CachedOutputs, Port};
 use super::registers::{self, LiteInputs, LiteOutputs};
-use super::{NAME, bus, commands};
+use super::{NAME, bus, commands, counters};
 use crate::hdl::{
     Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, Signal, Specs, Wires,
 };
@@ -231,7 +231,7 @@ impl<'b> Placed<'_, 'b> {
         Ok(memory::ports(self.plan).place("memory", self.m, &module, inputs))
     }
 
-    /// Places the registers.
+    /// Places the registers, and the counters that they show.
     fn registers(
         &self,
         s_axi: LiteInputs<Signal<'b>>,
@@ -243,6 +243,18 @@ impl<'b> Placed<'_, 'b> {
             core,
             ..
         } = self;
+        let event = counters::Events {
+            list_cycles: commands.running,
+            cast_cycles: cast.casting,
+            cast_rays: cast.ray_taken,
+            memory: memory.event,
+        };
+        let counters = counters::ports().place(
+            "counters",
+            self.m,
+            &counters::module()?,
+            counters::Inputs { event },
+        );
         let inputs = registers::Inputs {
             s_axi,
             start_ready: commands.start_ready,
@@ -251,12 +263,7 @@ impl<'b> Placed<'_, 'b> {
             ended: commands.ended,
             failure: commands.failure,
             count: core.count,
-            event: registers::Events {
-                list_cycles: commands.running,
-                cast_cycles: cast.casting,
-                cast_rays: cast.ray_taken,
-                memory: memory.event,
-            },
+            counted: counters.count,
         };
         let module = registers::module(self.plan)?;
         Ok(registers::ports().place("registers", self.m, &module, inputs))
