@@ -541,10 +541,14 @@ impl<'b> Next<'b> {
         unsent.next(any | (unsent.q & !sent));
 
         // A number of a beat from that of a word: several beats in a word, or the other way round.
-        let beat = |word: Signal<'b>, lowest: bool| match sizes.row_beats().ilog2() {
-            0 => word.high(sizes.beat_bits()),
-            bits if lowest => word.concat(m.zero(bits)).hinted("first_beat"),
-            bits => word.concat(m.ones(bits)).hinted("last_beat"),
+        let beat = |word: Signal<'b>, lowest: bool| {
+            let name = if lowest { "first_beat" } else { "last_beat" };
+            match sizes.row_beats().ilog2() {
+                0 if word.width() == sizes.beat_bits() => word,
+                0 => word.high(sizes.beat_bits()).named(name),
+                bits if lowest => word.concat(m.zero(bits)).hinted(name),
+                bits => word.concat(m.ones(bits)).hinted(name),
+            }
         };
         let number = |word: u32| m.lit(word, PLACE_BITS);
         let up: Vec<_> = (0..LINE_WORDS - 1)

@@ -7,7 +7,7 @@
 use super::{Offer, Outputs, Stored, answers};
 use crate::hdl::properties::{assert_shown_stays, shown_stays};
 use crate::hdl::{Builder, Bundle, Flow, Proof, Reg, Signal};
-use crate::hw::chip::COUNT_BITS;
+use crate::hw::chip::{COUNT_BITS, fitted};
 use crate::hw::memory::ADDRESS_BITS;
 use crate::hw::memory::combiner::{WORD_BITS, WORD_BYTES};
 use crate::hw::plan::Plan;
@@ -56,7 +56,7 @@ impl<'b> Unit<'_, 'b> {
     }
 
     fn ray_bits(&self) -> u32 {
-        self.plan.config.tag_bits + self.slots()
+        (self.plan.config.tag_bits + self.slots()).min(COUNT_BITS)
     }
 
     /// Whether a hit of a record is two words.
@@ -114,7 +114,7 @@ impl<'b> Cast<'b> {
         due.next(start.valid.mux(all, due.q - taken.extend(COUNT_BITS)));
         // The place of the next hit in its packet, counted from the last one.
         let slot = m.zero(slots) - due.q.low(slots);
-        let ray = hit.payload.tag.concat(slot).extend(COUNT_BITS);
+        let ray = fitted(hit.payload.tag.concat(slot), COUNT_BITS);
         let takes_record = taken & !any_hit & ray.lt(count);
         let word = unit.collector.word;
         let takes_answers = word.valid & unit.stored.room;

@@ -6,7 +6,7 @@
 use super::{Inputs, Loaded, Outputs, Words};
 use crate::hdl::properties::assert_shown_stays;
 use crate::hdl::{Builder, Bundle, Proof, Reg, Signal};
-use crate::hw::chip::COUNT_BITS;
+use crate::hw::chip::{COUNT_BITS, fitted};
 use crate::hw::memory::combiner::WORD_BITS;
 use crate::hw::plan::Plan;
 
@@ -171,7 +171,7 @@ fn packets<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>, cast: &Cast<'b>) {
     );
     proof.assert(
         "the tag of a packet is its number in the cast",
-        (running.implies(unit.outputs.packet.eq(number.low(plan.config.tag_bits))))
+        (running.implies(unit.outputs.packet.eq(fitted(number, plan.config.tag_bits))))
             & ray.valid.implies(ray.payload.tag.eq(unit.outputs.packet)),
     );
     proof.assert(
