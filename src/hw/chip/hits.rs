@@ -114,7 +114,7 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let (packet_answers, earlier) = writer.answers();
     let packet_answers = Flow::new(packet_ends & any_hit.q, packet_answers);
     let collector = answers::ports(plan).place(
-        "answers",
+        "collector",
         &m,
         &answers::module(plan)?,
         answers::Inputs {
