@@ -67,7 +67,6 @@ pub fn run(args: &Args) -> Result<()> {
         units: args.units.clone(),
         quick: args.quick,
         plant: args.plant,
-        draw: None,
     };
     let clock = Instant::now();
     let bar = report::progress(0, "proofs");

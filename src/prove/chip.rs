@@ -1,12 +1,12 @@
 //! The modules of the chip that are proved beside those of its memory system.
 
-use super::induction::Induction;
+use super::induction::{Induction, of_module};
 use crate::config::Config;
 use crate::hw::Plan;
 use crate::hw::chip::{commands, counters, registers};
-use anyhow::{Context, Result};
+use anyhow::Result;
 
-/// All inductions of a unit of the given name; none if it is no unit of the chip.
+/// All inductions of a unit of the given name; empty for a unit that is not the chip's.
 ///
 /// # Errors
 /// A mistake in a description.
@@ -23,14 +23,8 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
         )],
         _ => vec![],
     };
-    let found = modules.into_iter().map(|(module, name)| {
-        let mut proofs = module.proofs().into_iter();
-        let proof = proofs.find(|proof| proof.name == name);
-        Ok(Induction {
-            proof: proof.with_context(|| format!("{unit}: the module has no proof {name}"))?,
-            module,
-            few: &[],
-        })
-    });
-    found.collect()
+    let found = modules.into_iter();
+    found
+        .map(|(module, name)| of_module(unit, module, name))
+        .collect()
 }

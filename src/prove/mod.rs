@@ -134,8 +134,6 @@ pub struct Options {
     pub quick: bool,
     /// Whether to run every seeded fault, one at a time, instead of the original design.
     pub plant: bool,
-    /// With `plant`: the seed that draws a third of the faults of each proof; `None` for all faults.
-    pub draw: Option<u64>,
 }
 
 /// The outcome of one proof, or of one seeded fault.
@@ -242,7 +240,6 @@ struct Job {
 /// The requested proofs, in order.
 fn jobs(config: &Config, options: &Options) -> Result<Vec<Job>> {
     let mut jobs = vec![];
-    let mut draw = options.draw.map(fastrand::Rng::with_seed);
     for (unit, _) in UNITS {
         if !options.units.is_empty() && !options.units.iter().any(|name| name == unit) {
             continue;
@@ -254,14 +251,9 @@ fn jobs(config: &Config, options: &Options) -> Result<Vec<Job>> {
                 subject.what()
             );
             let subject = Arc::new(subject);
-            let count = subject.faults().len();
-            let faults: Vec<Option<usize>> = match (options.plant, &mut draw) {
-                (false, _) => vec![None],
-                (true, None) => (0..count).map(Some).collect(),
-                (true, Some(rng)) => {
-                    let drawn = rng.choose_multiple(0..count, count.div_ceil(3));
-                    drawn.into_iter().map(Some).collect()
-                }
+            let faults: Vec<Option<usize>> = match options.plant {
+                true => (0..subject.faults().len()).map(Some).collect(),
+                false => vec![None],
             };
             jobs.extend(faults.into_iter().map(|fault| Job {
                 unit,

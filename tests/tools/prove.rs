@@ -3,7 +3,6 @@
 //! `dynrt prove` and `dynrt prove --plant` run all proofs.
 
 use crate::support::say::say;
-use crate::support::{full, seed};
 use dynrt::config::{Config, NAMED};
 use dynrt::emit::{self, Extras, FORMAL, bench};
 use dynrt::hw::core::default_prefix;
@@ -25,18 +24,11 @@ fn machine(settings: &[(&str, &str)]) -> Config {
 
 fn rows(config: &Config, units: &[&str], quick: bool, plant: bool) -> Vec<Row> {
     let units = units.iter().map(|unit| unit.to_string()).collect();
-    run(
-        config,
-        Options {
-            units,
-            quick,
-            plant,
-            draw: None,
-        },
-    )
-}
-
-fn run(config: &Config, options: Options) -> Vec<Row> {
+    let options = Options {
+        units,
+        quick,
+        plant,
+    };
     let mut told = 0;
     let rows = prove::run(config, &options, &|_| (), &mut |row| {
         told += 1;
@@ -106,7 +98,6 @@ fn seeded_faults_of_the_arithmetic_are_refuted() {
     );
 }
 
-/// All faults with `DYNRT_FULL=1`, otherwise a third of those of each proof.
 #[test]
 fn seeded_faults_of_control_are_refuted() {
     let units = [
@@ -129,16 +120,7 @@ fn seeded_faults_of_control_are_refuted() {
         "commands",
         "cast",
     ];
-    let units = units.map(str::to_string).to_vec();
-    let draw = (!full()).then(seed);
-    println!("seed {draw:?}");
-    let options = Options {
-        units,
-        quick: true,
-        plant: true,
-        draw,
-    };
-    hold(&run(&few_packets(), options), if full() { 280 } else { 95 });
+    hold(&rows(&few_packets(), &units, true, true), 170);
 }
 
 /// Both machines of every named configuration agree, and a large amount of logic was compared.
