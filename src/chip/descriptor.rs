@@ -1,6 +1,7 @@
 //! Descriptors of commands: 16 words of 32 bits each.
 
-use super::ray;
+use super::{Limits, ray};
+use std::ops::RangeInclusive;
 
 /// 32-bit words of a descriptor.
 pub const WORDS: usize = 16;
@@ -63,6 +64,12 @@ commands! {
             value 2 "the word to write";
         }
         flags { interrupt 0 "set the interrupt status bit `signal`"; }
+    wait "waits until a word in memory is at least a value" 5
+        words {
+            address 1 "address of the word, a multiple of 4";
+            value 2 "the least value, unsigned";
+        }
+        flags {}
     scene "sets the scene that the following casts use" 6
         words {
             root 1 "root link word";
@@ -86,6 +93,29 @@ commands! {
             any_hit 0 "ask only whether there is a hit";
             short_rays 1 "rays take 16 bytes; origin and tmin are in this descriptor";
         }
+    skin "computes the vertices of a mesh from a palette of matrices" 8
+        words {
+            vertices 1 "base of the vertices, a multiple of 64";
+            palette 2 "index of the first vector of the palette";
+            joints 3 "matrices of the palette, at least 1";
+            influences 4 "address of the rows of influences, a multiple of 16";
+            rows 5 "number of rows, at least 1";
+            rest 6 "index of the first vertex at rest";
+            count 7 "number of vertices, at least 1";
+            target 8 "index of the first vertex to write";
+        }
+        flags {}
+    update "runs an update program: rewrites the bounds of the nodes of an object, and its box" 9
+        words {
+            program 1 "address of the program, a multiple of 16";
+            rows 2 "rows of 16 bytes of the program, at least 1";
+            vertices 3 "base of the vertices, a multiple of 64";
+            first_vertex 4 "index of the object's first vertex";
+            nodes 5 "base of the nodes, a multiple of 64";
+            first_node 6 "index of the object's first node";
+            bounds 7 "address of the box to write, two vertex records, a multiple of their size";
+        }
+        flags {}
 }
 
 /// Error codes: code, name, condition.
@@ -97,7 +127,11 @@ pub const ERRORS: &[(u32, &str, &str)] = &[
         "alignment",
         "an address is not a multiple of what it must be",
     ),
-    (Fault::SIZE, "size", "the number of rays is 0 or too large"),
+    (
+        Fault::SIZE,
+        "size",
+        "a number of rays, matrices, rows or vertices is 0 or too large, or an index has too many bits",
+    ),
     (
         Fault::BUS,
         "bus",
@@ -143,8 +177,14 @@ pub enum Command {
         value: u32,
         interrupt: bool,
     },
+    Wait {
+        address: u32,
+        value: u32,
+    },
     Scene(Scene),
     Cast(Cast),
+    Skin(Skin),
+    Update(Update),
 }
 
 /// The arrays of a scene.
@@ -168,6 +208,31 @@ pub struct Cast {
     pub any_hit: bool,
     /// Origin and tmin of short rays.
     pub short: Option<([f32; 3], f32)>,
+}
+
+/// A mesh to skin. All but `vertices` and `influences`, which are addresses, are indices and counts of records.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Skin {
+    pub vertices: u32,
+    pub palette: u32,
+    pub joints: u32,
+    pub influences: u32,
+    pub rows: u32,
+    pub rest: u32,
+    pub count: u32,
+    pub target: u32,
+}
+
+/// An object to update. `first_vertex` and `first_node` are indices; the rest but `rows` are addresses.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Update {
+    pub program: u32,
+    pub rows: u32,
+    pub vertices: u32,
+    pub first_vertex: u32,
+    pub nodes: u32,
+    pub first_node: u32,
+    pub bounds: u32,
 }
 
 impl Cast {
@@ -203,6 +268,34 @@ impl Command {
                 );
                 words[signal::word::address] = address;
                 words[signal::word::value] = value;
+            }
+            Command::Wait { address, value } => {
+                head(wait::OPCODE, 0);
+                words[wait::word::address] = address;
+                words[wait::word::value] = value;
+            }
+            Command::Skin(skin) => {
+                use self::skin::word;
+                head(self::skin::OPCODE, 0);
+                words[word::vertices] = skin.vertices;
+                words[word::palette] = skin.palette;
+                words[word::joints] = skin.joints;
+                words[word::influences] = skin.influences;
+                words[word::rows] = skin.rows;
+                words[word::rest] = skin.rest;
+                words[word::count] = skin.count;
+                words[word::target] = skin.target;
+            }
+            Command::Update(update) => {
+                use self::update::word;
+                head(self::update::OPCODE, 0);
+                words[word::program] = update.program;
+                words[word::rows] = update.rows;
+                words[word::vertices] = update.vertices;
+                words[word::first_vertex] = update.first_vertex;
+                words[word::nodes] = update.nodes;
+                words[word::first_node] = update.first_node;
+                words[word::bounds] = update.bounds;
             }
             Command::Scene(Scene {
                 root,
@@ -245,62 +338,43 @@ impl Command {
         words
     }
 
-    /// Decodes and checks a descriptor; a cast may have `most_rays` rays.
+    /// Decodes and checks a descriptor.
     ///
     /// # Errors
-    /// Why the chip refuses it. Addresses are checked in the order of the words.
-    pub fn decode(words: &[u32; WORDS], most_rays: u32) -> Result<Command, Fault> {
-        let flag = |bit: u32| words[0] >> (8 + bit) & 1 == 1;
-        let aligned = |place: usize, to: u32| match words[place] % to {
-            0 => Ok(words[place]),
-            _ => Err(Fault {
-                code: Fault::ALIGNMENT,
-                value: words[place],
-            }),
-        };
+    /// Why the chip refuses it. Addresses are checked first, then counts and indices, both in the order of the words.
+    pub fn decode(words: &[u32; WORDS], limits: &Limits) -> Result<Command, Fault> {
         let opcode = words[0] & 0xff;
+        let checks = Checks { words };
         Ok(match opcode {
             end::OPCODE => Command::End,
             fence::OPCODE => Command::Fence,
-            jump::OPCODE => Command::Jump {
-                to: aligned(jump::word::to, BYTES)?,
-            },
-            signal::OPCODE => Command::Signal {
-                address: aligned(signal::word::address, 4)?,
-                value: words[signal::word::value],
-                interrupt: flag(signal::flag::interrupt),
-            },
-            scene::OPCODE => {
-                use scene::word;
-                Command::Scene(Scene {
-                    root: words[word::root],
-                    nodes: aligned(word::nodes, 64)?,
-                    records: aligned(word::records, 64)?,
-                    vertices: aligned(word::vertices, 64)?,
-                    bounds: aligned(word::bounds, 64)?,
-                })
-            }
-            cast::OPCODE => {
-                use cast::word;
-                let rays = aligned(word::rays, 16)?;
-                let hits = aligned(word::hits, 64)?;
-                let count = words[word::count];
-                if count == 0 || count > most_rays {
-                    return Err(Fault {
-                        code: Fault::SIZE,
-                        value: count,
-                    });
+            jump::OPCODE => {
+                checks.aligned(&[(jump::word::to, BYTES)])?;
+                Command::Jump {
+                    to: words[jump::word::to],
                 }
-                let number = |place: usize| f32::from_bits(words[place]);
-                let origin = [word::origin_x, word::origin_y, word::origin_z].map(number);
-                Command::Cast(Cast {
-                    rays,
-                    count,
-                    hits,
-                    any_hit: flag(cast::flag::any_hit),
-                    short: flag(cast::flag::short_rays).then(|| (origin, number(word::tmin))),
-                })
             }
+            signal::OPCODE => {
+                use signal::{flag, word};
+                checks.aligned(&[(word::address, 4)])?;
+                Command::Signal {
+                    address: words[word::address],
+                    value: words[word::value],
+                    interrupt: checks.flag(flag::interrupt),
+                }
+            }
+            wait::OPCODE => {
+                use wait::word;
+                checks.aligned(&[(word::address, 4)])?;
+                Command::Wait {
+                    address: words[word::address],
+                    value: words[word::value],
+                }
+            }
+            scene::OPCODE => Command::Scene(checks.scene()?),
+            cast::OPCODE => Command::Cast(checks.cast(limits)?),
+            skin::OPCODE => Command::Skin(checks.skin(limits)?),
+            update::OPCODE => Command::Update(checks.update(limits)?),
             _ => {
                 return Err(Fault {
                     code: Fault::OPCODE,
@@ -311,9 +385,130 @@ impl Command {
     }
 }
 
+/// The checks of a descriptor.
+struct Checks<'a> {
+    words: &'a [u32; WORDS],
+}
+
+impl Checks<'_> {
+    fn flag(&self, bit: u32) -> bool {
+        self.words[0] >> (8 + bit) & 1 == 1
+    }
+
+    /// Refuses the first of some words that is not a multiple of its number.
+    fn aligned(&self, places: &[(usize, u32)]) -> Result<(), Fault> {
+        let odd = (places.iter()).find(|&&(place, to)| !self.words[place].is_multiple_of(to));
+        odd.map_or(Ok(()), |&(place, _)| {
+            Err(Fault {
+                code: Fault::ALIGNMENT,
+                value: self.words[place],
+            })
+        })
+    }
+
+    /// Refuses the first of some words that is out of its range.
+    fn in_range(&self, places: &[(usize, RangeInclusive<u32>)]) -> Result<(), Fault> {
+        let out = places
+            .iter()
+            .find(|(place, range)| !range.contains(&self.words[*place]));
+        out.map_or(Ok(()), |(place, _)| {
+            Err(Fault {
+                code: Fault::SIZE,
+                value: self.words[*place],
+            })
+        })
+    }
+
+    fn scene(&self) -> Result<Scene, Fault> {
+        use scene::word;
+        let arrays = [word::nodes, word::records, word::vertices, word::bounds];
+        self.aligned(&arrays.map(|place| (place, 64)))?;
+        Ok(Scene {
+            root: self.words[word::root],
+            nodes: self.words[word::nodes],
+            records: self.words[word::records],
+            vertices: self.words[word::vertices],
+            bounds: self.words[word::bounds],
+        })
+    }
+
+    fn cast(&self, limits: &Limits) -> Result<Cast, Fault> {
+        use cast::{flag, word};
+        self.aligned(&[(word::rays, 16), (word::hits, 64)])?;
+        self.in_range(&[(word::count, 1..=limits.rays)])?;
+        let number = |place: usize| f32::from_bits(self.words[place]);
+        let origin = [word::origin_x, word::origin_y, word::origin_z].map(number);
+        Ok(Cast {
+            rays: self.words[word::rays],
+            count: self.words[word::count],
+            hits: self.words[word::hits],
+            any_hit: self.flag(flag::any_hit),
+            short: (self.flag(flag::short_rays)).then(|| (origin, number(word::tmin))),
+        })
+    }
+
+    fn skin(&self, limits: &Limits) -> Result<Skin, Fault> {
+        use skin::word;
+        self.aligned(&[(word::vertices, 64), (word::influences, 16)])?;
+        let index = limits.greatest_index;
+        self.in_range(&[
+            (word::palette, 0..=index),
+            (word::joints, 1..=limits.joints),
+            (word::rows, 1..=index),
+            (word::rest, 0..=index),
+            (word::count, 1..=index),
+            (word::target, 0..=index),
+        ])?;
+        let word = |place: usize| self.words[place];
+        Ok(Skin {
+            vertices: word(word::vertices),
+            palette: word(word::palette),
+            joints: word(word::joints),
+            influences: word(word::influences),
+            rows: word(word::rows),
+            rest: word(word::rest),
+            count: word(word::count),
+            target: word(word::target),
+        })
+    }
+
+    fn update(&self, limits: &Limits) -> Result<Update, Fault> {
+        use update::word;
+        self.aligned(&[
+            (word::program, 16),
+            (word::vertices, 64),
+            (word::nodes, 64),
+            (word::bounds, limits.box_bytes),
+        ])?;
+        let index = limits.greatest_index;
+        self.in_range(&[
+            (word::rows, 1..=index),
+            (word::first_vertex, 0..=index),
+            (word::first_node, 0..=index),
+        ])?;
+        let word = |place: usize| self.words[place];
+        Ok(Update {
+            program: word(word::program),
+            rows: word(word::rows),
+            vertices: word(word::vertices),
+            first_vertex: word(word::first_vertex),
+            nodes: word(word::nodes),
+            first_node: word(word::first_node),
+            bounds: word(word::bounds),
+        })
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    const LIMITS: Limits = Limits {
+        rays: 100,
+        joints: 16,
+        greatest_index: 255,
+        box_bytes: 32,
+    };
 
     #[test]
     fn commands_come_back_from_their_descriptors() {
@@ -347,9 +542,32 @@ mod tests {
                 any_hit: false,
                 short: None,
             }),
+            Command::Wait {
+                address: 0x2004,
+                value: 3,
+            },
+            Command::Skin(Skin {
+                vertices: 0x1000,
+                palette: 1,
+                joints: 16,
+                influences: 0x30,
+                rows: 2,
+                rest: 3,
+                count: 255,
+                target: 4,
+            }),
+            Command::Update(Update {
+                program: 0x10,
+                rows: 255,
+                vertices: 0x40,
+                first_vertex: 5,
+                nodes: 0x80,
+                first_node: 6,
+                bounds: 0x60,
+            }),
         ];
         for command in commands {
-            assert_eq!(Command::decode(&command.encode(), 8), Ok(command));
+            assert_eq!(Command::decode(&command.encode(), &LIMITS), Ok(command));
         }
     }
 
@@ -360,7 +578,7 @@ mod tests {
             for (place, value) in words {
                 descriptor[*place] = *value;
             }
-            let fault = Command::decode(&descriptor, 100).unwrap_err();
+            let fault = Command::decode(&descriptor, &LIMITS).unwrap_err();
             (fault.code, fault.value)
         };
         assert_eq!(fault(&[]), (Fault::OPCODE, 0));
@@ -376,5 +594,20 @@ mod tests {
         assert_eq!(fault(&[(0, cast::OPCODE), (1, 8)]), (Fault::ALIGNMENT, 8));
         assert_eq!(fault(&[(0, cast::OPCODE)]), (Fault::SIZE, 0));
         assert_eq!(fault(&[(0, cast::OPCODE), (2, 101)]), (Fault::SIZE, 101));
+        assert_eq!(
+            fault(&[(0, wait::OPCODE), (1, 0x102)]),
+            (Fault::ALIGNMENT, 0x102)
+        );
+        assert_eq!(
+            fault(&[(0, skin::OPCODE), (2, 256), (4, 8)]),
+            (Fault::ALIGNMENT, 8)
+        );
+        assert_eq!(fault(&[(0, skin::OPCODE), (2, 256)]), (Fault::SIZE, 256));
+        assert_eq!(fault(&[(0, skin::OPCODE), (3, 17)]), (Fault::SIZE, 17));
+        assert_eq!(
+            fault(&[(0, update::OPCODE), (2, 1), (7, 0x10)]),
+            (Fault::ALIGNMENT, 0x10)
+        );
+        assert_eq!(fault(&[(0, update::OPCODE)]), (Fault::SIZE, 0));
     }
 }

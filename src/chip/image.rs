@@ -240,6 +240,7 @@ pub fn hits_of(memory: &Memory, config: &Config, cast: &Cast) -> Vec<Hit> {
 mod tests {
     use super::*;
     use crate::bkd::{BuildOptions, build};
+    use crate::chip::Limits;
     use crate::golden::Caster;
     use crate::golden::chip::{Chip, words_of_hit};
     use crate::scene::{self, Camera, Frame, MachineMesh};
@@ -273,7 +274,7 @@ mod tests {
             for cast in casts {
                 let words = Command::Cast(cast).encode();
                 assert!(
-                    Command::decode(&words, most_rays(&config)).is_ok(),
+                    Command::decode(&words, &Limits::of(&config)).is_ok(),
                     "{cast:?}"
                 );
             }

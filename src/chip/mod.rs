@@ -7,8 +7,33 @@ pub mod memory;
 pub mod ray;
 pub mod registers;
 
+use crate::bkd::bytes::ByteRecord;
 use crate::config::Config;
 use std::fmt::Write as _;
+
+/// What the numbers in descriptors are checked against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Rays of a cast.
+    pub rays: u32,
+    /// Matrices of a palette.
+    pub joints: u32,
+    /// The greatest index of a record, and number of rows or vertices.
+    pub greatest_index: u32,
+    /// Bytes of a box, which is two vertex records.
+    pub box_bytes: u32,
+}
+
+impl Limits {
+    pub fn of(config: &Config) -> Limits {
+        Limits {
+            rays: most_rays(config),
+            joints: config.skinning_joints,
+            greatest_index: u32::MAX >> (32 - config.address_bits),
+            box_bytes: 2 * ByteRecord::vertex(config.format()).bytes,
+        }
+    }
+}
 
 /// Rays that a cast may have: the tags tell packets apart, and the addresses of rays stay within the address space.
 pub fn most_rays(config: &Config) -> u32 {

@@ -9,8 +9,8 @@ use super::mismatch::Field;
 use super::model::PortHandle;
 use super::scoreboard::{Bench, Category, RESET_CYCLES, UnitOptions, UnitReport};
 use crate::bkd::bytes::ByteRecord;
+use crate::chip::Limits;
 use crate::chip::descriptor::{self, Cast, Command, Fault, Scene, WORDS};
-use crate::chip::most_rays;
 use crate::config::Config;
 use crate::float::{Format, specials};
 use crate::hdl::{self, Bundle};
@@ -231,7 +231,7 @@ struct Run {
     ports: Ports,
     rng: fastrand::Rng,
     format: Format,
-    most: u32,
+    limits: Limits,
     /// Words of 32 bits in a beat.
     beat_words: usize,
     list: List,
@@ -254,7 +254,7 @@ pub fn run(config: &Config, descriptors: u64, options: &UnitOptions) -> Result<U
         bench,
         ports,
         format: config.format(),
-        most: most_rays(config),
+        limits: Limits::of(config),
         beat_words: bus_bits as usize / 32,
         list: List::new(),
         around: Around::default(),
@@ -713,13 +713,14 @@ impl Run {
         if before.is_some() {
             return list.goes_to(Next::Flush);
         }
-        let checked = Command::decode(&list.words, self.most).and_then(|command| match command {
-            Command::Cast(cast) if list.scene.is_none() => Err(Fault {
-                code: Fault::SCENE,
-                value: cast.count,
-            }),
-            _ => Ok(command),
-        });
+        let checked =
+            Command::decode(&list.words, &self.limits).and_then(|command| match command {
+                Command::Cast(cast) if list.scene.is_none() => Err(Fault {
+                    code: Fault::SCENE,
+                    value: cast.count,
+                }),
+                _ => Ok(command),
+            });
         list.ends = checked.is_err() || checked == Ok(Command::End);
         let casting = self.around.casting > 0;
         let waits = matches!(
@@ -750,6 +751,9 @@ impl Run {
             Ok(Command::Signal { .. }) => (Category::SignalCommand, Next::Signal),
             Ok(Command::Scene(scene)) => (Category::SceneCommand, Next::Box(scene)),
             Ok(Command::Cast(cast)) => (Category::CastCommand, Next::Cast(cast)),
+            Ok(Command::Wait { .. } | Command::Skin(_) | Command::Update(_)) => {
+                unreachable!("not drawn yet")
+            }
         };
         categories.count(category, true);
         list.goes_to(next);
@@ -821,6 +825,9 @@ impl Run {
             Command::Signal { .. } => &[(1, 2)],
             Command::Scene(_) => &[(2, 6), (3, 6), (4, 6), (5, 6)],
             Command::Cast(_) => &[(1, 4), (3, 6)],
+            Command::Wait { .. } => &[(1, 2)],
+            Command::Skin(_) => &[(1, 6), (4, 4)],
+            Command::Update(_) => &[(1, 4), (3, 6), (5, 6)],
             Command::End | Command::Fence => &[],
         };
         if !aligned.is_empty() && rng.u8(..4) != 0 {
@@ -836,7 +843,7 @@ impl Run {
         {
             words[cast::word::count] = match rng.u8(..4) {
                 0 => 0,
-                1 => self.most + 1,
+                1 => self.limits.rays + 1,
                 2 => 1 << rng.u32(..32),
                 _ => rng.u32(..),
             };
@@ -851,7 +858,7 @@ impl Run {
     }
 
     fn command(&mut self) -> Command {
-        let most = self.most;
+        let most = self.limits.rays;
         let rng = &mut self.rng;
         let aligned = |rng: &mut fastrand::Rng, to: u32| rng.u32(..) & !(to - 1);
         match rng.u8(..10) {

@@ -1,15 +1,20 @@
 //! The chip: executes a command list on a memory of bytes, as `docs/chip.md` says. What it leaves in memory is what the RTL must leave.
 
 use super::Caster;
+use super::skinning::{SkinCommand, SkinMemory, skin};
+use super::update::{self, NODE_BOUNDS, UpdateCommand, UpdateEvent};
 use crate::bkd::bytes::ByteRecord;
-use crate::bkd::layout::{InstanceRecord, LinkWord, MemoryImage, Node, Target, TriangleRecord};
-use crate::chip::descriptor::{self, Cast, Command, Fault, Scene};
+use crate::bkd::layout::{
+    InstanceRecord, LinkWord, MemoryImage, Node, Target, TriangleRecord, vector_words,
+};
+use crate::chip::descriptor::{self, Cast, Command, Fault, Scene, Skin, Update};
 use crate::chip::memory::Memory;
-use crate::chip::{most_rays, ray};
+use crate::chip::{Limits, ray};
 use crate::config::Config;
 use crate::float::Format;
 use crate::port::{Hit, Ray};
 use anyhow::{Result, bail};
+use std::collections::VecDeque;
 
 /// Why a list ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +35,12 @@ pub struct Outcome {
     /// Rays cast, and those that hit something.
     pub rays: u64,
     pub hits: u64,
+    /// Vertices skinned, and their influences.
+    pub vertices_skinned: u64,
+    pub influences: u64,
+    /// Nodes written by updates, and their instructions.
+    pub nodes_written: u64,
+    pub instructions: u64,
 }
 
 impl Outcome {
@@ -59,6 +70,8 @@ impl Outcome {
 pub struct Chip {
     config: Config,
     scene: Option<(Scene, Caster)>,
+    /// Words that the host will write: address and value.
+    host: VecDeque<(u32, u32)>,
 }
 
 impl Chip {
@@ -66,6 +79,7 @@ impl Chip {
         Chip {
             config: config.clone(),
             scene: None,
+            host: VecDeque::new(),
         }
     }
 
@@ -111,7 +125,7 @@ impl Chip {
             *word = memory.word(address).ok_or(bus(address))?;
         }
         let next = Next::Go(at.wrapping_add(descriptor::BYTES));
-        match Command::decode(&words, most_rays(&self.config))? {
+        match Command::decode(&words, &Limits::of(&self.config))? {
             Command::End => return Ok(Next::End),
             Command::Jump { to } => return Ok(Next::Go(to)),
             Command::Fence => {}
@@ -120,7 +134,7 @@ impl Chip {
                 value,
                 interrupt,
             } => {
-                write(memory, address.into(), &value.to_le_bytes())?;
+                write_bytes(memory, address.into(), &value.to_le_bytes())?;
                 outcome.interrupts += u64::from(interrupt);
             }
             Command::Scene(scene) => {
@@ -130,8 +144,122 @@ impl Chip {
                 self.scene = Some((scene, caster));
             }
             Command::Cast(cast) => self.cast(memory, &cast, outcome)?,
+            Command::Wait { address, value } => {
+                let place = u64::from(address);
+                while memory.word(place).ok_or(bus(place))? < value {
+                    // Only the host can change it.
+                    let write = (self.host.pop_front()).unwrap_or_else(|| {
+                        panic!("the list waits at {at:#x} for a word that nobody writes")
+                    });
+                    write_bytes(memory, write.0.into(), &write.1.to_le_bytes())?;
+                }
+            }
+            Command::Skin(command) => self.skin(memory, &command, outcome)?,
+            Command::Update(command) => self.update(memory, &command, outcome)?,
         }
         Ok(next)
+    }
+
+    /// Words that the host will write while lists run, in this order: each when a list waits and finds that it must wait on.
+    pub fn host_writes(&mut self, words: impl IntoIterator<Item = (u32, u32)>) {
+        self.host.extend(words);
+    }
+
+    fn skin(
+        &mut self,
+        memory: &mut Memory,
+        command: &Skin,
+        outcome: &mut Outcome,
+    ) -> Result<(), Fault> {
+        let format = self.config.format();
+        let (vertex, row) = (
+            ByteRecord::vertex(format),
+            ByteRecord::influence_row(format),
+        );
+        let vectors =
+            |first: u32, count: u32| array(memory, &vertex, command.vertices, first, count);
+        let mut words = vectors(command.palette, 4 * command.joints)?;
+        words.extend(vectors(command.rest, command.count)?);
+        let read = words.len();
+        words.resize(read + command.count as usize * vertex.record.words(), 0);
+        let influences = array(memory, &row, command.influences, 0, command.rows)?;
+        // The vectors that the command reads, then those that it writes.
+        let moved = SkinCommand {
+            palette: 0,
+            joints: command.joints,
+            influences: 0,
+            rows: command.rows,
+            rest: 4 * command.joints,
+            vertices: command.count,
+            target: 4 * command.joints + command.count,
+        };
+        let arrays = SkinMemory {
+            format,
+            influences: &influences,
+            vertices: &mut words,
+        };
+        let skinned = skin(arrays, moved, |_| ())
+            .unwrap_or_else(|error| panic!("a mesh that cannot be skinned: {error:#}"));
+        outcome.vertices_skinned += skinned.vertices;
+        outcome.influences += skinned.influences;
+        let address = address_of(&vertex, command.vertices, command.target);
+        write_bytes(memory, address, &vertex.array(&words[read..]))
+    }
+
+    fn update(
+        &mut self,
+        memory: &mut Memory,
+        command: &Update,
+        outcome: &mut Outcome,
+    ) -> Result<(), Fault> {
+        let format = self.config.format();
+        let (vertex, node) = (ByteRecord::vertex(format), ByteRecord::node(format));
+        let place = u64::from(command.program);
+        let rows = 16 * command.rows as usize;
+        let program = memory.read(place, rows).ok_or(bus(place))?.to_vec();
+        let bases = UpdateCommand {
+            program: command.program,
+            vertex_base: command.first_vertex,
+            node_base: command.first_node,
+            box_index: 0,
+        };
+        // The memory as it was is read, and written into a list: a program reads no vertex that it writes.
+        let vertex_at = |index: u32| {
+            let words = array(memory, &vertex, command.vertices, index, 1).ok()?;
+            Some(MemoryImage::vertices_of_words(format, &words)[0])
+        };
+        let mut written: Vec<(u64, Vec<u8>)> = vec![];
+        let mut nodes = vec![];
+        let event = |event: UpdateEvent| {
+            match event {
+                UpdateEvent::VertexRead { .. } => (),
+                UpdateEvent::NodeWrite { node, bounds } => nodes.push((node, bounds)),
+                UpdateEvent::BoxWrite { bounds, .. } => {
+                    let numbers = bounds.map(|bits| format.to_f64(bits));
+                    let (lo, hi) = numbers.split_at(3);
+                    let corners = [lo, hi].map(|x| [x[0], x[1], x[2]]);
+                    let words = vector_words(format, &corners);
+                    written.push((command.bounds.into(), vertex.array(&words)));
+                }
+            }
+            Ok(())
+        };
+        let updated = update::run(format, &program, &bases, vertex_at, event)
+            .unwrap_or_else(|error| panic!("a program that cannot be run: {error:#}"));
+        outcome.instructions += updated.instructions;
+        outcome.nodes_written += updated.nodes_written;
+        let numbers = &node.parts[..NODE_BOUNDS.len()];
+        for (index, bounds) in nodes {
+            for (part, bits) in numbers.iter().zip(bounds) {
+                let address = address_of(&node, command.nodes, index) + u64::from(part.offset);
+                let bytes = &bits.to_le_bytes()[..part.bytes() as usize];
+                write_bytes(memory, address, bytes)?;
+            }
+        }
+        for (address, bytes) in written {
+            write_bytes(memory, address, &bytes)?;
+        }
+        Ok(())
     }
 
     fn cast(
@@ -159,7 +287,7 @@ impl Chip {
         };
         for (place, part) in bytes.chunks(each).enumerate() {
             let address = u64::from(cast.hits) + (place * each) as u64;
-            write(memory, address, part)?;
+            write_bytes(memory, address, part)?;
         }
         Ok(())
     }
@@ -195,10 +323,30 @@ fn bus(address: u64) -> Fault {
     }
 }
 
-fn write(memory: &mut Memory, address: u64, bytes: &[u8]) -> Result<(), Fault> {
+fn write_bytes(memory: &mut Memory, address: u64, bytes: &[u8]) -> Result<(), Fault> {
     let place = memory.read_mut(address, bytes.len());
     place.ok_or(bus(address))?.copy_from_slice(bytes);
     Ok(())
+}
+
+/// The address of a record of an array.
+fn address_of(record: &ByteRecord, base: u32, index: u32) -> u64 {
+    u64::from(base) + u64::from(index) * u64::from(record.bytes)
+}
+
+/// The words of `count` records of an array, from one of them on.
+fn array(
+    memory: &Memory,
+    record: &ByteRecord,
+    base: u32,
+    first: u32,
+    count: u32,
+) -> Result<Vec<u32>, Fault> {
+    let address = address_of(record, base, first);
+    let bytes = memory.read(address, (count * record.bytes) as usize);
+    let bytes = bytes.ok_or(bus(address))?;
+    let records = bytes.chunks_exact(record.bytes as usize);
+    Ok(records.flat_map(|bytes| record.read(bytes)).collect())
 }
 
 /// The words of a hit record.
@@ -295,9 +443,7 @@ fn slot<T: Clone>(array: &mut Vec<T>, index: u32, fill: T) -> &mut T {
 
 impl Fetch<'_> {
     fn words(&self, record: &ByteRecord, base: u32, index: u32) -> Result<Vec<u32>, Fault> {
-        let address = u64::from(base) + u64::from(index) * u64::from(record.bytes);
-        let bytes = self.memory.read(address, record.bytes as usize);
-        bytes.map(|bytes| record.read(bytes)).ok_or(bus(address))
+        array(self.memory, record, base, index, 1)
     }
 
     fn vector(&self, base: u32, index: u32) -> Result<[f64; 3], Fault> {

@@ -65,7 +65,7 @@ const REGISTERS: usize = 64;
 pub fn update(
     memory: UpdateMemory,
     command: UpdateCommand,
-    observe: impl FnMut(UpdateEvent),
+    mut observe: impl FnMut(UpdateEvent),
 ) -> Result<Updated> {
     let UpdateMemory {
         format,
@@ -79,16 +79,63 @@ pub fn update(
         "a program starts at a multiple of 16 bytes, not at {}",
         command.program
     );
+    let vertex = Record::vertex(format);
+    let (node_layout, box_layout) = (Record::node(format), Record::bounding_box(format));
+    let vertex_at = |index: u32| {
+        let start = index as usize * vertex.words();
+        let record = vertices.get(start..start + vertex.words())?;
+        Some(["x", "y", "z"].map(|name| format.to_f64(vertex.get(record, name))))
+    };
+    let write = |event: UpdateEvent| {
+        match event {
+            UpdateEvent::VertexRead { .. } => (),
+            UpdateEvent::NodeWrite { node, bounds } => {
+                let start = node as usize * node_layout.words();
+                let Some(record) = nodes.get_mut(start..start + node_layout.words()) else {
+                    bail!("node {node} is outside memory");
+                };
+                for (name, bits) in NODE_BOUNDS.into_iter().zip(bounds) {
+                    node_layout.set(record, name, bits);
+                }
+            }
+            UpdateEvent::BoxWrite { index, bounds } => {
+                let start = index as usize * box_layout.words();
+                let Some(record) = boxes.get_mut(start..start + box_layout.words()) else {
+                    bail!("box {index} is outside memory");
+                };
+                for (field, bits) in box_layout.fields.iter().zip(bounds) {
+                    field.set(record, bits);
+                }
+            }
+        }
+        observe(event);
+        Ok(())
+    };
+    let program = program.get(command.program as usize..).unwrap_or_default();
+    run(format, program, &command, vertex_at, write)
+}
+
+/// The numbers of a node, in the order of [`UpdateEvent::NodeWrite`].
+pub const NODE_BOUNDS: [&str; 4] = ["left_lo", "left_hi", "right_lo", "right_hi"];
+
+/// Runs the program that begins with the first byte of `program`, whose address is not used. `vertex_at` returns a vertex by its
+/// absolute index, `None` outside memory; `event` writes what is written.
+///
+/// # Errors
+/// If the program is invalid, uses a register without a value, reads outside memory, or if `event` fails. The message names the
+/// byte at which the instruction starts, from the start of the program.
+pub fn run(
+    format: Format,
+    program: &[u8],
+    command: &UpdateCommand,
+    vertex_at: impl FnMut(u32) -> Option<[f64; 3]>,
+    event: impl FnMut(UpdateEvent) -> Result<()>,
+) -> Result<Updated> {
     let mut processor = Processor {
         format,
         arithmetic: Arithmetic::new(format),
-        vertex_layout: Record::vertex(format),
-        node_layout: Record::node(format),
-        box_layout: Record::bounding_box(format),
-        vertices,
-        nodes,
-        boxes,
-        observe,
+        vertex_at,
+        event,
         v: [None; REGISTERS],
         b: [None; REGISTERS],
         next_vertex: command.vertex_base,
@@ -103,10 +150,10 @@ pub fn update(
             nodes_written: 0,
         },
     };
-    let mut at = command.program as usize;
+    let mut at = 0;
     loop {
         let window: [u8; 8] = std::array::from_fn(|k| program.get(at + k).copied().unwrap_or(0));
-        let step = processor.execute(u64::from_le_bytes(window), &command);
+        let step = processor.execute(u64::from_le_bytes(window), command);
         let step = step.map_err(|error| error.context(format!("update program, byte {at}")))?;
         processor.updated.instructions += 1;
         match step {
@@ -127,16 +174,11 @@ enum Step {
     End,
 }
 
-struct Processor<'a, F> {
+struct Processor<V, E> {
     format: Format,
     arithmetic: Arithmetic,
-    vertex_layout: Record,
-    node_layout: Record,
-    box_layout: Record,
-    vertices: &'a [u32],
-    nodes: &'a mut [u32],
-    boxes: &'a mut [u32],
-    observe: F,
+    vertex_at: V,
+    event: E,
     v: [Option<[f64; 3]>; REGISTERS],
     b: [Option<Bounds>; REGISTERS],
     next_vertex: u32,
@@ -147,7 +189,11 @@ struct Processor<'a, F> {
     updated: Updated,
 }
 
-impl<F: FnMut(UpdateEvent)> Processor<'_, F> {
+impl<V, E> Processor<V, E>
+where
+    V: FnMut(u32) -> Option<[f64; 3]>,
+    E: FnMut(UpdateEvent) -> Result<()>,
+{
     /// Executes the instruction in the low bits of `bits`.
     fn execute(&mut self, bits: u64, command: &UpdateCommand) -> Result<Step> {
         let six = |lsb: u32| (bits >> lsb & 63) as usize;
@@ -187,17 +233,13 @@ impl<F: FnMut(UpdateEvent)> Processor<'_, F> {
     }
 
     fn load(&mut self, d: usize, vertex: u32) -> Result<()> {
-        let words = self.vertex_layout.words();
-        let start = vertex as usize * words;
-        let Some(record) = self.vertices.get(start..start + words) else {
+        let Some(position) = (self.vertex_at)(vertex) else {
             bail!("vertex {vertex} is outside memory");
         };
-        let layout = &self.vertex_layout;
-        self.v[d] = Some(["x", "y", "z"].map(|name| self.format.to_f64(layout.get(record, name))));
+        self.v[d] = Some(position);
         self.last = d;
         self.updated.vertices_read += 1;
-        (self.observe)(UpdateEvent::VertexRead { vertex });
-        Ok(())
+        (self.event)(UpdateEvent::VertexRead { vertex })
     }
 
     fn leaf(&mut self, registers: [usize; 3]) -> Result<()> {
@@ -233,20 +275,9 @@ impl<F: FnMut(UpdateEvent)> Processor<'_, F> {
         let [right_lo, right_hi] = right.interval(axes[1]);
         let bounds = [left_lo, left_hi, right_lo, right_hi].map(|x| self.format.to_bits(x));
         let node = self.next_node;
-        let words = self.node_layout.words();
-        let start = node as usize * words;
-        let Some(record) = self.nodes.get_mut(start..start + words) else {
-            bail!("node {node} is outside memory");
-        };
-        for (name, bits) in ["left_lo", "left_hi", "right_lo", "right_hi"]
-            .into_iter()
-            .zip(bounds)
-        {
-            self.node_layout.set(record, name, bits);
-        }
         self.next_node += 1;
         self.updated.nodes_written += 1;
-        (self.observe)(UpdateEvent::NodeWrite { node, bounds });
+        (self.event)(UpdateEvent::NodeWrite { node, bounds })?;
 
         let mut merged = left;
         for i in 0..3 {
@@ -262,22 +293,10 @@ impl<F: FnMut(UpdateEvent)> Processor<'_, F> {
         let Some(whole) = self.b[r] else {
             bail!("b{r} is written as the object's box, but holds none");
         };
-        let words = self.box_layout.words();
-        let start = index as usize * words;
-        let Some(record) = self.boxes.get_mut(start..start + words) else {
-            bail!("box {index} is outside memory");
-        };
         let [x, y, z] = whole.lo;
         let [u, v, w] = whole.hi;
         let bounds = [x, y, z, u, v, w].map(|number| self.format.to_bits(number));
-        for (name, bits) in ["lo_x", "lo_y", "lo_z", "hi_x", "hi_y", "hi_z"]
-            .into_iter()
-            .zip(bounds)
-        {
-            self.box_layout.set(record, name, bits);
-        }
         self.updated.bounds = whole;
-        (self.observe)(UpdateEvent::BoxWrite { index, bounds });
-        Ok(())
+        (self.event)(UpdateEvent::BoxWrite { index, bounds })
     }
 }
