@@ -71,12 +71,14 @@ pub struct Config {
     pub bus_writes: u32,
     pub bus_write_lines: u32,
     pub bus_rays_ahead: u32,
+    pub bus_rows_ahead: u32,
     pub cache_line_bytes: u32,
     pub cache_ways: u32,
     pub cache_misses: u32,
     pub cache_nodes_kib: u32,
     pub cache_records_kib: u32,
     pub cache_vertices_kib: u32,
+    pub cache_update_kib: u32,
     pub memory_model: MemoryModel,
     pub memory_latency: u32,
     pub memory_jitter: u32,
@@ -355,6 +357,15 @@ pub static KEYS: &[Key] = &[
         "words of 16 bytes that the chip reads ahead of the rays of a cast"
     ),
     key!(
+        "bus",
+        "rows_ahead",
+        "words",
+        Values::OneOf(&[16, 32, 64, 128]),
+        bus_rows_ahead,
+        false,
+        "words of 16 bytes that the chip reads ahead of an update program or of rows of influences"
+    ),
+    key!(
         "cache",
         "line_bytes",
         "bytes",
@@ -407,6 +418,15 @@ pub static KEYS: &[Key] = &[
         cache_vertices_kib,
         false,
         "size of the cache of vertices"
+    ),
+    key!(
+        "cache",
+        "update_kib",
+        "KiB",
+        Values::OneOf(&[1, 2, 4, 8, 16, 32, 64]),
+        cache_update_kib,
+        false,
+        "size of the cache of the vertices that the update processor reads"
     ),
     Key {
         section: "memory",
@@ -728,12 +748,14 @@ impl Config {
             bus_writes: 0,
             bus_write_lines: 0,
             bus_rays_ahead: 0,
+            bus_rows_ahead: 0,
             cache_line_bytes: 0,
             cache_ways: 0,
             cache_misses: 0,
             cache_nodes_kib: 0,
             cache_records_kib: 0,
             cache_vertices_kib: 0,
+            cache_update_kib: 0,
             memory_model: MemoryModel::Ideal,
             memory_latency: 0,
             memory_jitter: 0,

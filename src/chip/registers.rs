@@ -120,7 +120,7 @@ const INTERRUPTS: [Field; interrupt::COUNT as usize] = [
 /// Bits of a counter; it wraps.
 pub const COUNTER_BITS: u32 = 40;
 
-/// The counters, in the order of their registers: those of the ray casting unit, then those of the chip.
+/// The counters, in the order of their registers: those of the ray casting unit, of the update processor, and of the chip.
 pub const COUNTERS: &[(&str, &str)] = &[
     ("cycles", "cycles since reset"),
     ("packet_steps", "traversal steps"),
@@ -144,6 +144,23 @@ pub const COUNTERS: &[(&str, &str)] = &[
     ),
     ("skin_influences", "influences issued"),
     ("skin_cycles", "cycles in which a mesh is skinned"),
+    ("update_instructions", "update instructions executed"),
+    (
+        "update_busy_cycles",
+        "cycles in which the update processor runs",
+    ),
+    (
+        "update_stalled_cycles",
+        "cycles of an update in which no instruction executes",
+    ),
+    (
+        "update_vertex_wait_cycles",
+        "cycles in which a load waits for its vertex",
+    ),
+    (
+        "update_node_wait_cycles",
+        "cycles in which a node waits to be written",
+    ),
     ("list_cycles", "cycles in which a list runs"),
     ("cast_cycles", "cycles in which the cast unit is not idle"),
     ("cast_rays", "rays that have entered the ray casting unit"),
@@ -173,6 +190,22 @@ pub const COUNTERS: &[(&str, &str)] = &[
     (
         "vertex_stalls",
         "cycles in which a request waits in the cache of vertices",
+    ),
+    (
+        "moved_requests",
+        "requests to the cache of the vertices that are updated",
+    ),
+    (
+        "moved_hits",
+        "hits in the cache of the vertices that are updated",
+    ),
+    (
+        "moved_misses",
+        "lines requested by the cache of the vertices that are updated",
+    ),
+    (
+        "moved_stalls",
+        "cycles in which a request waits in the cache of the vertices that are updated",
     ),
     ("read_beats", "beats of read data on the bus"),
     (
@@ -365,6 +398,46 @@ fn capabilities(config: &Config) -> Vec<Register> {
                     8,
                     config.cache_vertices_kib,
                     "KiB for vertices",
+                ),
+                (
+                    "update",
+                    24,
+                    8,
+                    config.cache_update_kib,
+                    "KiB for vertices that are updated",
+                ),
+            ],
+        ),
+        constant(
+            "SKINNING",
+            0x20,
+            "what can be skinned",
+            &[(
+                "joints",
+                0,
+                16,
+                config.skinning_joints,
+                "matrices per palette",
+            )],
+        ),
+        constant(
+            "UPDATE",
+            0x24,
+            "the update programs that the machine runs",
+            &[
+                (
+                    "vertex_registers",
+                    0,
+                    8,
+                    config.update_vertex_registers,
+                    "vertex registers",
+                ),
+                (
+                    "box_registers",
+                    8,
+                    8,
+                    config.update_box_registers,
+                    "box registers",
                 ),
             ],
         ),

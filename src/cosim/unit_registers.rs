@@ -77,8 +77,8 @@ const BATCH: u64 = 200;
 
 /// Events that are counted; they come last in the table of counters.
 const EVENTS: usize = COUNTERS.len() - CORE;
-/// Counters of the ray casting unit.
-const CORE: usize = 10;
+/// Counters of the ray casting unit and of the update processor.
+const CORE: usize = 15;
 
 /// A write that is offered: its parts are shown when their delays are over.
 struct Offer {
@@ -361,7 +361,9 @@ impl Run<'_> {
             None => model.garble(inputs.failure.leaves(), rng),
         }
         let all = inputs.count.leaves().into_iter();
-        let all = all.chain(inputs.counted.leaves());
+        let all = all
+            .chain(inputs.update.leaves())
+            .chain(inputs.counted.leaves());
         for (port, count) in all.zip(given.counts) {
             model.set(port, count);
         }

@@ -319,7 +319,7 @@ impl Workbench {
             };
             let mut chip = Chip::new(config, &options, &|_| ())?;
             let (image, rays) = instanced_scene(config, count, &mut rng)?;
-            let mut lists = Lists::new(config, &image, &rays)?;
+            let mut lists = Lists::new(config, &image, &rays, &mut rng)?;
             for _ in 0..RANDOM_LISTS {
                 lists.add(&mut rng)?;
             }

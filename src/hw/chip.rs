@@ -8,6 +8,7 @@ pub mod counters;
 pub mod hits;
 mod memory;
 pub mod monitored;
+pub mod motion;
 pub mod number;
 pub mod rays;
 pub mod registers;
@@ -62,18 +63,24 @@ fn write_of_32_bits<'b>(
 pub enum Client {
     Commands,
     Rays,
+    /// Rows of an update program or of influences.
+    Rows,
     Nodes,
     Records,
     Vertices,
+    /// The vertices that the update processor reads.
+    Moved,
 }
 
 impl Client {
-    pub const ALL: [Client; 5] = [
+    pub const ALL: [Client; 7] = [
         Client::Commands,
         Client::Rays,
+        Client::Rows,
         Client::Nodes,
         Client::Records,
         Client::Vertices,
+        Client::Moved,
     ];
 
     /// The name in reports.
@@ -81,9 +88,11 @@ impl Client {
         match self {
             Client::Commands => "commands",
             Client::Rays => "rays",
+            Client::Rows => "rows",
             Client::Nodes => "nodes",
             Client::Records => "records",
             Client::Vertices => "vertices",
+            Client::Moved => "moved",
         }
     }
 
@@ -97,8 +106,8 @@ impl Client {
     /// Bits of the client's own identifiers.
     pub fn id_bits(self, config: &Config) -> u32 {
         match self {
-            Client::Commands | Client::Rays => 1,
-            Client::Nodes | Client::Records | Client::Vertices => {
+            Client::Commands | Client::Rays | Client::Rows => 1,
+            Client::Nodes | Client::Records | Client::Vertices | Client::Moved => {
                 bits_for(u64::from(config.cache_misses))
             }
         }

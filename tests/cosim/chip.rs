@@ -4,7 +4,7 @@
 //! transactions each, the cast unit in each of its configurations.
 
 use crate::support::{Prepared, full, prepare, seed};
-use dynrt::chip::descriptor::{Cast, Command, Scene, WORDS};
+use dynrt::chip::descriptor::{Cast, Command, Scene, Skin, Update, WORDS};
 use dynrt::chip::memory::Memory;
 use dynrt::chip::most_rays;
 use dynrt::config::{Config, MemoryModel};
@@ -123,7 +123,8 @@ fn commands_follow_any_list() {
 /// A picture of the Cornell box in memory.
 fn cornell(config: &Config) -> Lists {
     let Prepared { image, rays, .. } = prepare(config, "builtin:cornell", "32x24", None);
-    Lists::new(config, &image, &rays).unwrap()
+    let mut rng = fastrand::Rng::with_seed(seed());
+    Lists::new(config, &image, &rays, &mut rng).unwrap()
 }
 
 fn run(chip: &mut Chip, memory: &mut Memory, list: u32) -> Report {
@@ -139,6 +140,7 @@ fn random_lists_leave_the_bytes_of_the_golden_chip() {
     let config = Config::load("tiny").unwrap();
     let mut rng = fastrand::Rng::with_seed(seed);
     let (mut rays, mut bytes, mut bursts) = (0, 0, 0);
+    let (mut skinned, mut nodes) = (0, 0);
     for behaviour in [Behaviour::Random, Behaviour::Model] {
         let options = Options {
             seed,
@@ -155,13 +157,22 @@ fn random_lists_leave_the_bytes_of_the_golden_chip() {
             let report = run(&mut chip, &mut memory, list);
             assert_eq!(report.outcome.error, None);
             assert_eq!(report.counter("cast_rays"), report.outcome.rays);
+            assert_eq!(report.counter("skin_influences"), report.outcome.influences);
+            assert_eq!(
+                report.counter("update_instructions"),
+                report.outcome.instructions
+            );
             rays += report.outcome.rays;
+            skinned += report.outcome.vertices_skinned;
+            nodes += report.outcome.nodes_written;
             bytes += report.checked;
             bursts += report.traffic.read_bursts + report.traffic.write_bursts;
         }
     }
-    println!("seed {seed}: {rays} rays, {bytes} bytes compared, {bursts} bursts");
-    assert!(rays > 1000 && bursts > 1000);
+    println!(
+        "seed {seed}: {rays} rays, {skinned} vertices, {nodes} nodes, {bytes} bytes compared, {bursts} bursts"
+    );
+    assert!(rays > 1000 && bursts > 1000 && skinned > 0 && nodes > 0);
 }
 
 /// Every wrong descriptor ends its list with its code, its address and the wrong value, and the next list runs.
@@ -193,7 +204,37 @@ fn wrong_descriptors_end_their_list_and_not_the_next() {
         Command::Cast(cast).encode(),
         raw(&[]),
         raw(&[0xff]),
-        raw(&[5]),
+        raw(&[10]),
+        Command::Wait {
+            address: setting.scratch + 1,
+            value: 0,
+        }
+        .encode(),
+        Command::Skin(Skin {
+            joints: 1,
+            influences: 8,
+            ..Skin::default()
+        })
+        .encode(),
+        Command::Skin(Skin {
+            joints: config.skinning_joints + 1,
+            rows: 1,
+            count: 1,
+            ..Skin::default()
+        })
+        .encode(),
+        Command::Update(Update {
+            rows: 1,
+            bounds: 16,
+            ..Update::default()
+        })
+        .encode(),
+        Command::Update(Update {
+            rows: 1,
+            first_node: 1 << config.address_bits,
+            ..Update::default()
+        })
+        .encode(),
         Command::Jump { to: 0x1020 }.encode(),
         Command::Signal {
             address: setting.scratch + 2,

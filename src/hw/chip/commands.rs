@@ -4,12 +4,15 @@ mod properties;
 
 use super::cast::Cast;
 use super::hits::Hits;
+use super::motion::Motion;
 use super::rays::Rays;
 use super::write_of_32_bits;
 use crate::bkd::bytes::ByteRecord;
 use crate::bkd::layout::Record;
-use crate::chip::descriptor::{self, Fault, cast, end, fence, jump, scene, signal};
-use crate::chip::most_rays;
+use crate::chip::Limits;
+use crate::chip::descriptor::{
+    self, Fault, cast, end, fence, jump, scene, signal, skin, update, wait,
+};
 use crate::hdl::{Builder, Bundle, Flow, HdlError, Module, Reg, Signal, Specs, bits_for};
 use crate::hw::memory::combiner::Word;
 use crate::hw::memory::reader::WORD_ADDRESS_BITS;
@@ -19,7 +22,10 @@ use crate::{bundle, interface};
 use std::sync::Arc;
 
 /// Words of a descriptor that any command has, from word 0 on.
-const STORED: u32 = 8;
+const STORED: u32 = 9;
+
+/// Cycles between two reads of a word that a list waits for: 2 to the power of this.
+const REST_BITS: u32 = 6;
 
 /// Width of an error code.
 pub const CODE_BITS: u32 = 4;
@@ -62,7 +68,8 @@ interface! {
         in "Memory: bursts to read" { read_ready: 1 }
         in "Memory: read data, always taken" { beat: Flow<Beat>(1, bus_bits) }
         in "Memory: writes" { write_ready: 1 }
-        in "High while a cast runs" { casting: 1 }
+        in "High while a cast, a mesh or an update runs" { casting: 1, skinning: 1, updating: 1 }
+        in "Mesh to skin or object to update" { motion_ready: 1 }
         in "High while no write is pending, open or without its response" { writes_done: 1 }
         in "High while a cache invalidates itself" { invalidating: 1 }
         in "Bus error: high for one cycle, with the address of the burst" { bus_error_valid: 1, bus_error_address: ADDRESS_BITS }
@@ -70,6 +77,7 @@ interface! {
         out "Memory: bursts to read" { read: Flow<Burst>(1) }
         out "Memory: writes" { write: Flow<Word>() }
         out "Cast to start, while no cast runs" { cast_valid: 1, cast: {CastStart}() }
+        out "Mesh to skin or object to update" { motion: Flow<Motion>(plan) }
         out "Scene of the cast" { scene: {Arrays}(plan) }
         out "High while all open lines of the write combiner must be closed" { flush: 1 }
         out "High for one cycle to invalidate all caches, which are idle" { invalidate: 1 }
@@ -91,6 +99,12 @@ bundle! {
         fetches_box: 1,
         receives_box: 1,
         signals: 1,
+        /// A list that waits for a word: writes what is open, reads the word, compares it, rests.
+        publishes: 1,
+        fetches_word: 1,
+        receives_word: 1,
+        compares: 1,
+        rests: 1,
         drains: 1,
         flushes: 1,
         invalidates: 1,
@@ -104,6 +118,11 @@ bundle! {
         scene_starts: 1,
         box_arrives: 1,
         signal_taken: 1,
+        motion_starts: 1,
+        /// The word that a list waits for is read.
+        word_arrives: 1,
+        /// It is as great as asked.
+        wait_ends: 1,
         asks_to_invalidate: 1,
         ended: 1,
         jumps: 1,
@@ -119,6 +138,9 @@ struct Decoded<'b> {
     is_signal: Signal<'b>,
     is_cast: Signal<'b>,
     is_end: Signal<'b>,
+    is_wait: Signal<'b>,
+    is_skin: Signal<'b>,
+    is_update: Signal<'b>,
     /// Whether it is refused, with the code and the wrong value.
     fault: Signal<'b>,
     code: Signal<'b>,
@@ -132,7 +154,8 @@ struct Decoded<'b> {
 pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         "command_processor",
-        "executes command lists: reads descriptors, sets the scene, starts casts, writes signals, and orders memory with fences.",
+        "executes command lists: reads descriptors, sets the scene, starts casts, meshes and updates, writes signals, waits for words of memory, and \
+         orders memory with fences.",
     );
     let ports = ports(plan, bus_bits);
     let inputs = ports.inputs.inputs(&m);
@@ -144,7 +167,8 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     let now = states.map(|_, state| state.q);
     let starts = (now.idle & inputs.start_valid).named("starts");
     let beat = inputs.beat;
-    let read_taken = ((now.fetches | now.fetches_box) & inputs.read_ready).named("read_taken");
+    let reads = m.or_all(&[now.fetches, now.fetches_box, now.fetches_word]);
+    let read_taken = (reads & inputs.read_ready).named("read_taken");
     let last_beat = (beat.valid & beat.payload.last).named("last_beat");
 
     let words = stored_words(&m, bus_bits, &now, beat, read_taken);
@@ -152,12 +176,17 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     let decoded = decode(&m, plan, &words, has_scene.q);
     let (code, value) = kept_error(&m, &inputs, starts, &now, &decoded);
     let is_bad = code.any().named("is_failed");
+    let rest = m.reg_reset("rest_cycles", REST_BITS, 0);
+    rest.next_when(now.rests, rest.q + m.lit(1u8, REST_BITS));
+    let polled = polled_word(&m, bus_bits, &words, now.receives_word, beat);
     let lists = Lists {
         m: &m,
         inputs: &inputs,
         starts,
         is_bad,
         decoded: &decoded,
+        is_reached: polled.ge(words[wait::word::value]).named("is_reached"),
+        rested: rest.q.all().named("has_rested"),
     };
     let Followed {
         steps,
@@ -183,6 +212,8 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
 
     let scene = scene_registers(&m, plan, &words, steps.scene_starts, steps.box_arrives);
     let beats = |bytes: u32| m.lit((8 * bytes).div_ceil(bus_bits) - 1, BEATS_BITS);
+    let offset = (bus_bits / 8).ilog2();
+    let polled_beat = words[wait::word::address].high(ADDRESS_BITS - offset);
     let write = write_of_32_bits(
         words[signal::word::address],
         words[signal::word::address].bits(3, 2),
@@ -191,20 +222,34 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     let outputs = Outputs {
         start_ready: now.idle,
         read: Flow::new(
-            now.fetches | now.fetches_box,
+            reads,
             Burst {
-                address: now.fetches_box.mux(words[scene::word::bounds], place.q),
-                beats: now
-                    .fetches_box
-                    .mux(beats(box_bytes(plan)), beats(descriptor::BYTES)),
+                address: m.priority(
+                    &[
+                        (now.fetches_box, words[scene::word::bounds]),
+                        (now.fetches_word, polled_beat.concat(m.zero(offset))),
+                    ],
+                    place.q,
+                ),
+                beats: m.priority(
+                    &[
+                        (now.fetches_box, beats(box_bytes(plan))),
+                        (now.fetches_word, m.zero(BEATS_BITS)),
+                    ],
+                    beats(descriptor::BYTES),
+                ),
                 id: m.zero(1),
             },
         ),
         write: Flow::new(now.signals, write),
         cast_valid: steps.cast_starts,
         cast: cast_start(&m, &words),
+        motion: Flow::new(
+            now.waits & !lists.is_blocked() & (decoded.is_skin | decoded.is_update),
+            motion(plan, &decoded, &words),
+        ),
         scene,
-        flush: now.flushes,
+        flush: now.flushes | now.publishes,
         invalidate: steps.asks_to_invalidate,
         running: !now.idle,
         signalled: steps.signal_taken & flag(&words, signal::flag::interrupt),
@@ -218,7 +263,7 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     ports.outputs.outputs(&m, outputs);
     properties::executes(&properties::Unit {
         m: &m,
-        most: most_rays(&plan.config),
+        limits: Limits::of(&plan.config),
         inputs: &inputs,
         outputs: &outputs,
         states: &states,
@@ -284,9 +329,25 @@ struct Lists<'a, 'b> {
     /// The list has had an error.
     is_bad: Signal<'b>,
     decoded: &'a Decoded<'b>,
+    /// The word that was read is as great as the list waits for.
+    is_reached: Signal<'b>,
+    /// The time between two reads of it is over.
+    rested: Signal<'b>,
 }
 
 impl<'b> Lists<'_, 'b> {
+    /// Whether the units that the decoded command needs run.
+    fn is_blocked(&self) -> Signal<'b> {
+        let (of, decoded) = (self.inputs, self.decoded);
+        let moves = of.skinning | of.updating;
+        self.m.or_all(&[
+            decoded.is_cast & (of.casting | of.skinning),
+            decoded.is_scene & of.casting,
+            decoded.is_skin & (of.casting | moves),
+            decoded.is_update & moves,
+        ])
+    }
+
     /// Sets the next states.
     fn follow(
         &self,
@@ -300,18 +361,27 @@ impl<'b> Lists<'_, 'b> {
             starts,
             is_bad,
             decoded,
+            is_reached,
+            rested,
         } = *self;
         let now = states.map(|_, state| state.q);
         m.comment("Transitions.");
         let stops = (decoded.fault | is_bad).named("stops");
         let goes = (now.decodes & !stops).named("executes");
         let signal_taken = (now.signals & inputs.write_ready).named("signal_taken");
-        let cast_free = (now.waits & !inputs.casting).named("cast_is_free");
-        let cast_starts = (cast_free & decoded.is_cast).named("cast_starts");
-        let scene_starts = (cast_free & decoded.is_scene).named("scene_starts");
+        let is_free = (now.waits & !self.is_blocked()).named("units_are_free");
+        let cast_starts = (is_free & decoded.is_cast).named("cast_starts");
+        let scene_starts = (is_free & decoded.is_scene).named("scene_starts");
+        let is_motion = decoded.is_skin | decoded.is_update;
+        let motion_starts = (is_free & is_motion & inputs.motion_ready).named("motion_starts");
+        let stays = now.waits & !(cast_starts | scene_starts | motion_starts);
         let box_arrives = (now.receives_box & last_beat).named("box_arrives");
         let asked = m.reg_reset("invalidation_asked", 1, 0);
-        let drained = (now.drains & !inputs.casting).named("drained");
+        let runs = (inputs.casting | inputs.skinning | inputs.updating).named("units_run");
+        let drained = (now.drains & !runs).named("drained");
+        let published = (now.publishes & inputs.writes_done).named("published");
+        let word_arrives = (now.receives_word & last_beat).named("word_arrives");
+        let wait_ends = (now.compares & (is_reached | is_bad)).named("wait_ends");
         let flushed = (now.flushes & inputs.writes_done).named("flushed");
         let invalidated = (now.invalidates & asked.q & !inputs.invalidating).named("invalidated");
         let begins = m.reg("begins", 1);
@@ -323,23 +393,40 @@ impl<'b> Lists<'_, 'b> {
         let jumps = (goes & decoded.is_jump).named("jumps");
         let goes_on = invalidated & !begins.q & !is_over;
         let first = (invalidated & begins.q & !is_bad).named("reads_first");
-        let advances = (signal_taken | cast_starts | box_arrives | goes_on).named("advances");
+        let advances = m
+            .or_all(&[
+                signal_taken,
+                cast_starts,
+                motion_starts,
+                box_arrives,
+                wait_ends,
+                goes_on,
+            ])
+            .named("advances");
         let is_signal = (goes & decoded.is_signal).named("signal_starts");
-        let needs_cast = (goes & (decoded.is_cast | decoded.is_scene)).named("needs_cast_unit");
+        let is_wait = (goes & decoded.is_wait).named("wait_starts");
+        let of_unit = decoded.is_cast | decoded.is_scene | is_motion;
+        let needs_unit = (goes & of_unit).named("needs_a_unit");
         let asks = (now.invalidates & !asked.q).named("asks_to_invalidate");
         asked.next(asks | (asked.q & !invalidated));
         (states.idle).next(ended | (now.idle & !starts));
         (states.fetches).next(jumps | advances | first | (now.fetches & !read_taken));
         (states.receives).next((now.fetches & read_taken) | (now.receives & !last_beat));
         (states.decodes).next(now.receives & last_beat);
-        (states.waits).next(needs_cast | (now.waits & inputs.casting));
+        (states.waits).next(needs_unit | stays);
         (states.fetches_box).next(scene_starts | (now.fetches_box & !read_taken));
         (states.receives_box)
             .next((now.fetches_box & read_taken) | (now.receives_box & !last_beat));
         (states.signals).next(is_signal | (now.signals & !signal_taken));
-        (states.drains).next(
-            (now.decodes & !jumps & !is_signal & !needs_cast) | (now.drains & inputs.casting),
-        );
+        (states.publishes).next(is_wait | (now.publishes & !published));
+        let polls = published | (now.rests & rested);
+        (states.fetches_word).next(polls | (now.fetches_word & !read_taken));
+        (states.receives_word)
+            .next((now.fetches_word & read_taken) | (now.receives_word & !last_beat));
+        (states.compares).next(word_arrives);
+        (states.rests).next((now.compares & !wait_ends) | (now.rests & !rested));
+        let others = jumps | is_signal | is_wait | needs_unit;
+        (states.drains).next((now.decodes & !others) | (now.drains & runs));
         (states.flushes).next(drained | (now.flushes & !flushed));
         (states.invalidates).next(starts | flushed | (now.invalidates & !invalidated));
         let steps = Steps {
@@ -347,6 +434,9 @@ impl<'b> Lists<'_, 'b> {
             scene_starts,
             box_arrives,
             signal_taken,
+            motion_starts,
+            word_arrives,
+            wait_ends,
             asks_to_invalidate: asks,
             ended,
             jumps,
@@ -390,6 +480,54 @@ fn cast_start<'b>(m: &'b Builder, words: &[Signal<'b>]) -> CastStart<Signal<'b>>
     }
 }
 
+/// The mesh or the object of a stored descriptor.
+fn motion<'b>(plan: &Plan, decoded: &Decoded<'b>, words: &[Signal<'b>]) -> Motion<Signal<'b>> {
+    use {skin::word as of_skin, update::word as of_update};
+    let is_update = decoded.is_update;
+    let either = |of_update: usize, of_skin: usize| is_update.mux(words[of_update], words[of_skin]);
+    let index = |word: usize| words[word].low(plan.address());
+    Motion {
+        is_update,
+        vertices: either(of_update::vertices, of_skin::vertices),
+        nodes: words[of_update::nodes],
+        bounds: words[of_update::bounds],
+        rows_address: either(of_update::program, of_skin::influences),
+        rows: either(of_update::rows, of_skin::rows).low(plan.address()),
+        palette: index(of_skin::palette),
+        joints: words[of_skin::joints].low(Motion::of(plan).joints.width),
+        rest: index(of_skin::rest),
+        count: index(of_skin::count),
+        target: index(of_skin::target),
+        first_vertex: index(of_update::first_vertex),
+        first_node: index(of_update::first_node),
+    }
+}
+
+/// The word that a list waits for, when its beat has arrived.
+fn polled_word<'b>(
+    m: &'b Builder,
+    bus_bits: u32,
+    words: &[Signal<'b>],
+    receives: Signal<'b>,
+    beat: Flow<Beat<Signal<'b>>, Signal<'b>>,
+) -> Signal<'b> {
+    m.comment("The word that the list waits for.");
+    let polled = m.reg("polled_word", 32);
+    let data = beat.payload.data;
+    let word = match bus_bits / 32 {
+        1 => data,
+        count => {
+            let place = words[wait::word::address].field(2, count.ilog2());
+            let choices: Vec<_> = (0..count - 1)
+                .map(|k| (place.equals(k.into()), data.field(32 * k, 32)))
+                .collect();
+            m.priority(&choices, data.field(32 * (count - 1), 32))
+        }
+    };
+    polled.next_when(receives & beat.valid, word);
+    polled.q
+}
+
 /// Bytes of the box of a scene.
 fn box_bytes(plan: &Plan) -> u32 {
     2 * ByteRecord::vertex(plan.format).bytes
@@ -407,7 +545,7 @@ fn stored_words<'b>(
     beat: Flow<Beat<Signal<'b>>, Signal<'b>>,
     read_taken: Signal<'b>,
 ) -> Vec<Signal<'b>> {
-    m.comment("The first 32 bytes of a descriptor; of a box, they replace it.");
+    m.comment("The first words of a descriptor; those of a box replace them.");
     let per_beat = bus_bits / 32;
     let beats = bits_for(u64::from(descriptor::WORDS as u32 / per_beat).max(2));
     let number = m.reg("beat_number", beats);
@@ -447,31 +585,44 @@ fn decode<'b>(
     let is_jump = is(jump::OPCODE, "jump");
     let is_fence = is(fence::OPCODE, "fence");
     let is_signal = is(signal::OPCODE, "signal");
+    let is_wait = is(wait::OPCODE, "wait");
     let is_scene = is(scene::OPCODE, "scene");
     let is_cast = is(cast::OPCODE, "cast");
-    let known = m
-        .or_all(&[is_end, is_jump, is_fence, is_signal, is_scene, is_cast])
-        .named("is_known");
+    let is_skin = is(skin::OPCODE, "skin");
+    let is_update = is(update::OPCODE, "update_command");
+    let known = [
+        is_end, is_jump, is_fence, is_signal, is_wait, is_scene, is_cast, is_skin, is_update,
+    ];
+    let known = m.or_all(&known).named("is_known");
     // The words that are addresses of a command, and the low bits that must be 0.
+    let corner_bits = box_bytes(plan).ilog2();
     let addresses = [
         (is_jump, jump::word::to, 6),
         (is_signal, signal::word::address, 2),
+        (is_wait, wait::word::address, 2),
         (is_scene, scene::word::nodes, 6),
         (is_scene, scene::word::records, 6),
         (is_scene, scene::word::vertices, 6),
         (is_scene, scene::word::bounds, 6),
         (is_cast, cast::word::rays, 4),
         (is_cast, cast::word::hits, 6),
+        (is_skin, skin::word::vertices, 6),
+        (is_skin, skin::word::influences, 4),
+        (is_update, update::word::program, 4),
+        (is_update, update::word::vertices, 6),
+        (is_update, update::word::nodes, 6),
+        (is_update, update::word::bounds, corner_bits),
     ];
     let addresses: Vec<_> = (addresses.iter())
         .map(|&(of, word, bits)| (of & words[word].low(bits).any(), words[word]))
         .collect();
-    let odd: Vec<_> = addresses.iter().map(|(is_odd, _)| *is_odd).collect();
-    let is_odd = m.or_all(&odd).named("is_misaligned");
-    let count = words[cast::word::count];
-    let most = most_rays(&plan.config);
-    let excess = count.gt(m.lit(most, 32));
-    let is_size = (is_cast & (count.is_zero() | excess)).named("is_wrong_size");
+    let sizes = sizes(m, plan, words, is_cast, is_skin, is_update);
+    let any = |of: &[(Signal<'b>, Signal<'b>)]| {
+        let wrong: Vec<_> = of.iter().map(|(is_wrong, _)| *is_wrong).collect();
+        m.or_all(&wrong)
+    };
+    let is_odd = any(&addresses).named("is_misaligned");
+    let is_size = any(&sizes).named("is_wrong_size");
     let without_scene = (is_cast & !has_scene).named("is_without_scene");
     let code = |code: u32| m.lit(code, CODE_BITS);
     let choices = [
@@ -481,16 +632,63 @@ fn decode<'b>(
     ];
     let mut values = vec![(!known, opcode.extend(ADDRESS_BITS))];
     values.extend(addresses);
+    values.extend(sizes);
     Decoded {
         is_scene,
         is_jump,
         is_signal,
         is_cast,
         is_end,
+        is_wait,
+        is_skin,
+        is_update,
         fault: !known | is_odd | is_size | without_scene,
         code: m.priority(&choices, code(Fault::SCENE)).named("fault_code"),
-        value: m.priority(&values, count).named("fault_value"),
+        value: m
+            .priority(&values, words[cast::word::count])
+            .named("fault_value"),
     }
+}
+
+/// The words that are counts or indices of a command, and whether they are out of range.
+fn sizes<'b>(
+    m: &'b Builder,
+    plan: &Plan,
+    words: &[Signal<'b>],
+    is_cast: Signal<'b>,
+    is_skin: Signal<'b>,
+    is_update: Signal<'b>,
+) -> Vec<(Signal<'b>, Signal<'b>)> {
+    let limits = Limits::of(&plan.config);
+    let most = |word: usize, most: u32| words[word].gt(m.lit(most, 32));
+    let large = |word: usize| words[word].high(32 - plan.address()).any();
+    let none = |word: usize| words[word].is_zero();
+    let count = cast::word::count;
+    let of_cast = [(count, none(count) | most(count, limits.rays))];
+    let of_skin = {
+        use skin::word::{count, joints, palette, rest, rows, target};
+        [
+            (palette, large(palette)),
+            (joints, none(joints) | most(joints, limits.joints)),
+            (rows, none(rows) | large(rows)),
+            (rest, large(rest)),
+            (count, none(count) | large(count)),
+            (target, large(target)),
+        ]
+    };
+    let of_update = {
+        use update::word::{first_node, first_vertex, rows};
+        [
+            (rows, none(rows) | large(rows)),
+            (first_vertex, large(first_vertex)),
+            (first_node, large(first_node)),
+        ]
+    };
+    let of = |is: Signal<'b>, (word, wrong): (usize, Signal<'b>)| (is & wrong, words[word]);
+    let of_cast = of_cast.into_iter().map(|size| of(is_cast, size));
+    let of_skin = of_skin.into_iter().map(|size| of(is_skin, size));
+    let of_update = of_update.into_iter().map(|size| of(is_update, size));
+    of_cast.chain(of_skin).chain(of_update).collect()
 }
 
 /// The registers of the scene: arrays when its command starts, the box when it arrives.

@@ -1,4 +1,4 @@
-//! The memory system of the chip: caches, burst reader and write combiner between the units and the AXI4 master.
+//! The memory system of the chip: caches, burst readers and write combiner between the units and the AXI4 master.
 
 use super::{Client, arbiter_sizes, bus, cache_shape, record_of};
 use crate::bkd::bytes::ByteRecord;
@@ -7,19 +7,21 @@ use crate::hw::memory::arbiter::{self, ClientInputs};
 use crate::hw::memory::axi::{self, MasterInputs, MasterOutputs};
 use crate::hw::memory::cache::{self, Events as CacheEvents, Shape};
 use crate::hw::memory::combiner::{self, Word};
-use crate::hw::memory::reader::{self, Sequence, Word as RayWord};
+use crate::hw::memory::reader::{self, Sequence, Word as ReadWord};
 use crate::hw::memory::{ADDRESS_BITS, Beat, Burst};
 use crate::hw::plan::Plan;
 use crate::hw::raycast;
+use crate::hw::update;
 use crate::{bundle, interface};
 use std::sync::Arc;
 
-/// A read port of the ray casting unit that has a cache.
+/// A read port that has a cache: of the ray casting unit, and the vertices of the update processor.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Port {
     Nodes,
     Records,
     Vertices,
+    Moved,
 }
 
 impl Port {
@@ -27,7 +29,7 @@ impl Port {
         match self {
             Port::Nodes => ByteRecord::node(plan.format),
             Port::Records => ByteRecord::triangle(plan.format),
-            Port::Vertices => ByteRecord::vertex(plan.format),
+            Port::Vertices | Port::Moved => ByteRecord::vertex(plan.format),
         }
     }
 
@@ -37,6 +39,7 @@ impl Port {
             Port::Nodes => (plan.config.cache_nodes_kib, "node_cache"),
             Port::Records => (plan.config.cache_records_kib, "record_cache"),
             Port::Vertices => (plan.config.cache_vertices_kib, "vertex_cache"),
+            Port::Moved => (plan.config.cache_update_kib, "update_cache"),
         }
     }
 
@@ -46,16 +49,21 @@ impl Port {
             Port::Nodes => "Nodes: byte address of the array, and requests by index",
             Port::Records => "Triangle records: byte address of the array, and requests by index",
             Port::Vertices => "Vertices: byte address of the array, and requests by index",
+            Port::Moved => {
+                "Vertices that are updated: byte address of the array, and requests by index"
+            }
         }
     }
 
     /// The widths of index and tag.
     fn widths(self, plan: &Plan) -> (u32, u32) {
         let ports = raycast::ports(plan).outputs;
+        let of_update = update::ports(plan).outputs;
         let port = match self {
             Port::Nodes => &ports.node,
             Port::Records => &ports.record,
             Port::Vertices => &ports.vertex,
+            Port::Moved => &of_update.vertex,
         };
         let request = &port.request.payload;
         (request.address.width, request.tag.width)
@@ -95,6 +103,7 @@ bundle! {
         node: {CacheEvents}(),
         record: {CacheEvents}(),
         vertex: {CacheEvents}(),
+        moved: {CacheEvents}(),
         read_beats: 1,
         read_waits: 1,
         write_beats: 1,
@@ -110,17 +119,27 @@ interface! {
             commands_beat: Flow<Beat>(1, plan.config.bus_data_bits),
         }
         in "Rays: a sequence of words to read" { sequence: Flow<Sequence>() }
-        out "Rays: the words, in order" { word: Flow<RayWord>() }
+        out "Rays: the words, in order" { word: Flow<ReadWord>() }
         in "Rays: the words, in order" { word_ready: 1 }
+        in "Rows of an update program or of influences: a sequence of words to read" {
+            rows_sequence: Flow<Sequence>(),
+        }
+        out "Rows of an update program or of influences: a sequence of words to read" {
+            rows_sequence_ready: 1,
+        }
+        out "Rows: the words, in order" { row_word: Flow<ReadWord>() }
+        in "Rows: the words, in order" { row_word_ready: 1 }
         in "" {
             nodes: {CachedInputs}(plan, Port::Nodes),
             records: {CachedInputs}(plan, Port::Records),
             vertices: {CachedInputs}(plan, Port::Vertices),
+            moved: {CachedInputs}(plan, Port::Moved),
         }
         out "" {
             nodes: {CachedOutputs}(plan, Port::Nodes),
             records: {CachedOutputs}(plan, Port::Records),
             vertices: {CachedOutputs}(plan, Port::Vertices),
+            moved: {CachedOutputs}(plan, Port::Moved),
         }
         in "Discards all lines of the caches; only while no request is outstanding" { invalidate: 1 }
         out "Discards all lines of the caches; only while no request is outstanding" { invalidating: 1 }
@@ -164,7 +183,7 @@ bundle! {
 pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let m = Builder::new(
         "memory_system",
-        "the memory system: caches, the burst reader for rays and the write combiner, behind one AXI4 master.",
+        "the memory system: caches, the burst readers for rays and rows, and the write combiner, behind one AXI4 master.",
     );
     let config = &plan.config;
     let bus = bus(config);
@@ -182,13 +201,15 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         plan,
         inputs: &inputs,
     };
-    let rays = around.rays(to(Client::Rays))?;
-    let mut reads = vec![inputs.commands_read, rays.read];
+    let rays = around.reader(Client::Rays, to(Client::Rays))?;
+    let rows = around.reader(Client::Rows, to(Client::Rows))?;
+    let mut reads = vec![inputs.commands_read, rays.read, rows.read];
     let mut caches = vec![];
     for (port, client, of_port) in [
         (Port::Nodes, Client::Nodes, inputs.nodes),
         (Port::Records, Client::Records, inputs.records),
         (Port::Vertices, Client::Vertices, inputs.vertices),
+        (Port::Moved, Client::Moved, inputs.moved),
     ] {
         let cache = around.cache(port, client, of_port, to(client))?;
         reads.push(cache.burst);
@@ -243,6 +264,9 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         nodes: around.cached(Port::Nodes, &caches[0]),
         records: around.cached(Port::Records, &caches[1]),
         vertices: around.cached(Port::Vertices, &caches[2]),
+        moved: around.cached(Port::Moved, &caches[3]),
+        rows_sequence_ready: rows.start_ready,
+        row_word: rows.word,
         invalidating: m.or_all(&invalidating),
         write_ready: combiner.word_ready,
         writes_done: combiner.empty,
@@ -253,6 +277,7 @@ pub(super) fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
             node: caches[0].event,
             record: caches[1].event,
             vertex: caches[2].event,
+            moved: caches[3].event,
             read_beats: event.beat_read,
             read_waits: event.read_waits,
             write_beats: event.beat_written,
@@ -271,23 +296,36 @@ struct Around<'a, 'b> {
 }
 
 impl<'b> Around<'_, 'b> {
-    /// Places the burst reader for the words of rays.
-    fn rays(&self, told: ToClient<Signal<'b>>) -> Result<reader::Outputs<Signal<'b>>, HdlError> {
+    /// Places a burst reader: for the words of rays, or for those of rows.
+    fn reader(
+        &self,
+        client: Client,
+        told: ToClient<Signal<'b>>,
+    ) -> Result<reader::Outputs<Signal<'b>>, HdlError> {
+        let (config, inputs) = (&self.plan.config, self.inputs);
+        let (words, start, word_ready) = match client {
+            Client::Rows => (
+                config.bus_rows_ahead,
+                inputs.rows_sequence,
+                inputs.row_word_ready,
+            ),
+            _ => (config.bus_rays_ahead, inputs.sequence, inputs.word_ready),
+        };
         let sizes = reader::Sizes {
-            data_bits: self.plan.config.bus_data_bits,
+            data_bits: config.bus_data_bits,
             id_bits: 1,
-            words: self.plan.config.bus_rays_ahead,
+            words,
             registers_front: self.plan.timing.queue_front,
         };
         let data = told.beat.payload.data;
         let inputs = reader::Inputs {
-            start: self.inputs.sequence,
+            start,
             read_ready: told.ready,
             beat: Flow::new(told.beat.valid, reader::Datum { data }),
-            word_ready: self.inputs.word_ready,
+            word_ready,
         };
         let module = reader::module(&sizes)?;
-        Ok(reader::ports(&sizes).place("rays", self.m, &module, inputs))
+        Ok(reader::ports(&sizes).place(client.name(), self.m, &module, inputs))
     }
 
     /// Places the cache of a port.

@@ -12,6 +12,7 @@ use crate::hdl::{Builder, Bundle, HdlError, Module, Reg, Signal, Specs};
 use crate::hw::memory::ADDRESS_BITS;
 use crate::hw::plan::Plan;
 use crate::hw::raycast::Counters;
+use crate::hw::update::Counters as UpdateCounters;
 use crate::{bundle, interface};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -53,6 +54,7 @@ interface! {
             failure: {Failure}(),
         }
         in "Counters of the ray casting unit" { count: {Counters}() }
+        in "Counters of the update processor" { update: {UpdateCounters}() }
         in "Counters of the chip" { counted: {Counted}() }
         out "Command list to start" { start_valid: 1, start_address: ADDRESS_BITS }
         out "Interrupt request, high while an enabled event is pending" { irq: 1 }
@@ -294,8 +296,10 @@ fn copies<'b>(
 ) -> Vec<(Reg<'b>, Signal<'b>)> {
     m.comment("The copies of the counters: all of one cycle.");
     let of_core = inputs.count.fields().into_iter();
+    let of_update = inputs.update.fields().into_iter();
     let of_chip = inputs.counted.fields().into_iter();
-    let all = of_core.chain(of_chip).map(|(_, count)| count);
+    let all = of_core.chain(of_update).chain(of_chip);
+    let all = all.map(|(_, count)| count);
     let copy = |(count, (name, _)): (Signal<'b>, &(&str, &str))| {
         let copy = m.reg_reset(format!("copy_{name}"), COUNTER_BITS, 0);
         copy.next_when(snapshot, count);
@@ -333,11 +337,12 @@ mod tests {
     #[test]
     fn the_counters_are_those_of_the_table() {
         let of_core = Counters::of().fields();
+        let of_update = UpdateCounters::of().fields().into_iter();
+        let of_update = of_update.map(|(name, width)| (format!("update_{name}"), width));
+        let of_update: Vec<_> = of_update.collect();
         let of_chip = Counted::of().fields();
-        let names = of_core
-            .iter()
-            .chain(&of_chip)
-            .map(|(name, _)| name.as_str());
+        let all = of_core.iter().chain(&of_update).chain(&of_chip);
+        let names = all.map(|(name, _)| name.as_str());
         let expected = COUNTERS.iter().map(|(name, _)| *name);
         assert_eq!(names.collect::<Vec<_>>(), expected.collect::<Vec<_>>());
     }

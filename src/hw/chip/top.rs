@@ -2,10 +2,11 @@
 
 use super::cast;
 use super::memory::{self, CachedInputs, CachedOutputs, Port};
+use super::motion::{self, FromUnits, RowRequest};
 use super::registers::{self, LiteInputs, LiteOutputs};
 use super::{NAME, bus, commands, counters};
 use crate::hdl::{
-    Builder, Bundle, Design, Flow, HdlError, Module, ReadInputs, Signal, Specs, Wires,
+    Builder, Design, Flow, HdlError, Module, ReadInputs, Signal, Specs, Wires,
 };
 use crate::hw::core::{self, default_prefix};
 use crate::hw::memory::axi::{MasterInputs, MasterOutputs};
@@ -65,6 +66,11 @@ bundle! {
         nodes: {CachedOutputs}(plan, Port::Nodes),
         records: {CachedOutputs}(plan, Port::Records),
         vertices: {CachedOutputs}(plan, Port::Vertices),
+        moved: {CachedOutputs}(plan, Port::Moved),
+        sequence_ready: 1,
+        row_valid: 1,
+        row: WORD_BITS,
+        units: {FromUnits}(plan),
     }
 }
 
@@ -94,23 +100,23 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
     let back = Back::of(plan).wires(&m, "");
     let told = back.get();
 
-    let (commands, cast) = m.part(
+    let lists = m.part(
         "lists",
-        "executes command lists: the command processor and the cast unit.",
+        "executes command lists: the command processor, the cast unit and the motion unit.",
         || executed(&m, plan, &told),
     )?;
-    let (core, _) = core::place(
+    let (core, update) = core::place(
         plan,
         &core::module(plan)?,
-        casting(&m, plan, &commands, &cast, &told),
-        update::ports(plan).inputs.map(|_, spec| m.zero(spec.width)),
+        casting(&lists, &told),
+        updating(&lists, &told),
     );
     let placed = Placed {
         m: &m,
         plan,
-        commands,
-        cast,
+        lists,
         core,
+        update,
     };
     let memory = placed.memory(inputs.m_axi)?;
     let registers = placed.registers(inputs.s_axi, &memory)?;
@@ -131,25 +137,39 @@ pub fn module(plan: &Plan) -> Result<Arc<Module>, HdlError> {
         nodes: memory.nodes,
         records: memory.records,
         vertices: memory.vertices,
+        moved: memory.moved,
+        sequence_ready: memory.rows_sequence_ready,
+        row_valid: memory.row_word.valid,
+        row: memory.row_word.payload.data,
+        units: from_units(&core, &update),
     });
     let outputs = Outputs {
         s_axi: registers.s_axi,
         irq: registers.irq,
         m_axi: memory.m_axi,
-        trace: trace(&core, cast.hit_ready),
+        trace: trace(&core, lists.cast.hit_ready),
     };
     ports.outputs.outputs(&m, outputs);
     m.finish()
 }
 
-/// Places the command processor and the cast unit.
+/// The units that execute command lists.
+#[derive(Clone, Copy)]
+struct Lists<'b> {
+    commands: commands::Outputs<Signal<'b>>,
+    cast: cast::Outputs<Signal<'b>>,
+    motion: motion::Outputs<Signal<'b>>,
+}
+
+/// Places the command processor, the cast unit and the motion unit.
 fn executed<'b>(
     m: &'b Builder,
     plan: &Plan,
     told: &Back<Signal<'b>>,
-) -> Result<(commands::Outputs<Signal<'b>>, cast::Outputs<Signal<'b>>), HdlError> {
+) -> Result<Lists<'b>, HdlError> {
     let bus_bits = plan.config.bus_data_bits;
-    let casting = m.wire("casting", 1);
+    let [casting, skinning, updating, motion_ready] =
+        ["casting", "skinning", "updating", "motion_ready"].map(|name| m.wire(name, 1));
     let commands = commands::ports(plan, bus_bits).place(
         "commands",
         m,
@@ -161,13 +181,30 @@ fn executed<'b>(
             beat: told.commands_beat,
             write_ready: told.write_ready,
             casting: casting.get(),
+            skinning: skinning.get(),
+            updating: updating.get(),
+            motion_ready: motion_ready.get(),
             writes_done: told.writes_done,
             invalidating: told.invalidating,
             bus_error_valid: told.error_valid,
             bus_error_address: told.error_address,
         },
     );
-    m.comment("A signal goes before hits.");
+    m.comment("A signal goes before records, and those before hits.");
+    let motion = motion::ports(plan).place(
+        "motion",
+        m,
+        &motion::module(plan)?,
+        motion::Inputs {
+            start: commands.motion,
+            sequence_ready: told.sequence_ready,
+            word_valid: told.row_valid,
+            word: told.row,
+            units: told.units,
+            write_ready: told.write_ready & !commands.write.valid,
+        },
+    );
+    let before = commands.write.valid | motion.write.valid;
     let cast = cast::ports(plan).place(
         "cast",
         m,
@@ -178,20 +215,27 @@ fn executed<'b>(
             word: told.word,
             ray_ready: told.ray_ready,
             hit: told.hit,
-            write_ready: told.write_ready & !commands.write.valid,
+            write_ready: told.write_ready & !before,
         },
     );
     casting.drive(cast.casting);
-    Ok((commands, cast))
+    skinning.drive(motion.skinning);
+    updating.drive(motion.updating);
+    motion_ready.drive(motion.start_ready);
+    Ok(Lists {
+        commands,
+        cast,
+        motion,
+    })
 }
 
 /// The units that are placed before the memory system and the registers.
 struct Placed<'a, 'b> {
     m: &'b Builder,
     plan: &'a Plan,
-    commands: commands::Outputs<Signal<'b>>,
-    cast: cast::Outputs<Signal<'b>>,
+    lists: Lists<'b>,
     core: raycast::Outputs<Signal<'b>>,
+    update: update::Outputs<Signal<'b>>,
 }
 
 impl<'b> Placed<'_, 'b> {
@@ -200,15 +244,19 @@ impl<'b> Placed<'_, 'b> {
         &self,
         m_axi: MasterInputs<Signal<'b>>,
     ) -> Result<memory::Outputs<Signal<'b>>, HdlError> {
-        let Placed {
+        let Lists {
             commands,
             cast,
-            core,
-            ..
-        } = self;
+            motion,
+        } = &self.lists;
+        let core = &self.core;
+        let records = motion.write;
+        let of_units = (records.valid).choose(records.payload, cast.write.payload);
         let signals = commands.write.valid;
-        let write = signals.choose(commands.write.payload, cast.write.payload);
+        let write = signals.choose(commands.write.payload, of_units);
         let cached = |base, request| CachedInputs { base, request };
+        let of_scene = commands.scene.vertices;
+        let vertices = motion.skinning.mux(motion.vertices, of_scene);
         let inputs = memory::Inputs {
             commands_read: commands.read,
             sequence: Flow::new(
@@ -219,11 +267,14 @@ impl<'b> Placed<'_, 'b> {
                 },
             ),
             word_ready: cast.word_ready,
+            rows_sequence: motion.sequence,
+            row_word_ready: motion.word_ready,
             nodes: cached(commands.scene.nodes, core.node.request),
             records: cached(commands.scene.records, core.record.request),
-            vertices: cached(commands.scene.vertices, core.vertex.request),
+            vertices: cached(vertices, core.vertex.request),
+            moved: cached(motion.vertices, self.update.vertex.request),
             invalidate: commands.invalidate,
-            write: Flow::new(signals | cast.write.valid, write),
+            write: Flow::new(signals | records.valid | cast.write.valid, write),
             flush: commands.flush,
             m_axi,
         };
@@ -237,12 +288,7 @@ impl<'b> Placed<'_, 'b> {
         s_axi: LiteInputs<Signal<'b>>,
         memory: &memory::Outputs<Signal<'b>>,
     ) -> Result<registers::Outputs<Signal<'b>>, HdlError> {
-        let Placed {
-            commands,
-            cast,
-            core,
-            ..
-        } = self;
+        let Lists { commands, cast, .. } = &self.lists;
         let event = counters::Events {
             list_cycles: commands.running,
             cast_cycles: cast.casting,
@@ -262,7 +308,8 @@ impl<'b> Placed<'_, 'b> {
             signalled: commands.signalled,
             ended: commands.ended,
             failure: commands.failure,
-            count: core.count,
+            count: self.core.count,
+            update: self.update.count,
             counted: counters.count,
         };
         let module = registers::module(self.plan)?;
@@ -270,21 +317,21 @@ impl<'b> Placed<'_, 'b> {
     }
 }
 
-/// The inputs of the ray casting unit. Nothing is skinned.
-fn casting<'b>(
-    m: &'b Builder,
-    plan: &Plan,
-    commands: &commands::Outputs<Signal<'b>>,
-    cast: &cast::Outputs<Signal<'b>>,
-    told: &Back<Signal<'b>>,
-) -> raycast::Inputs<Signal<'b>> {
-    let zeros: raycast::Inputs<Signal<'b>> = raycast::ports(plan)
-        .inputs
-        .map(|_, spec| m.zero(spec.width));
-    let port = |cache: CachedOutputs<Signal<'b>>| ReadInputs {
+/// A read port's inputs, from its cache.
+fn port<'b>(cache: CachedOutputs<Signal<'b>>) -> ReadInputs<Signal<'b>> {
+    ReadInputs {
         request_ready: cache.request_ready,
         response: cache.response,
-    };
+    }
+}
+
+/// The inputs of the ray casting unit.
+fn casting<'b>(lists: &Lists<'b>, told: &Back<Signal<'b>>) -> raycast::Inputs<Signal<'b>> {
+    let Lists {
+        commands,
+        cast,
+        motion,
+    } = lists;
     raycast::Inputs {
         scene_root: commands.scene.root,
         scene_lo: commands.scene.lo,
@@ -294,7 +341,43 @@ fn casting<'b>(
         node: port(told.nodes),
         record: port(told.records),
         vertex: port(told.vertices),
-        ..zeros
+        influence: motion.units.influence,
+        skin_start: motion.units.skin,
+        skin_write_ready: motion.units.skinned_ready,
+    }
+}
+
+/// The inputs of the update processor.
+fn updating<'b>(lists: &Lists<'b>, told: &Back<Signal<'b>>) -> update::Inputs<Signal<'b>> {
+    let units = lists.motion.units;
+    update::Inputs {
+        start: units.update,
+        program: units.program,
+        vertex: port(told.moved),
+        node_write_ready: units.node_ready,
+        box_write_ready: units.bounds_ready,
+    }
+}
+
+/// What the skinning processor and the update processor show.
+fn from_units<'b>(
+    core: &raycast::Outputs<Signal<'b>>,
+    update: &update::Outputs<Signal<'b>>,
+) -> FromUnits<Signal<'b>> {
+    let row = |valid, tag| Flow::new(valid, RowRequest { tag });
+    let influence = core.influence.request;
+    let program = update.program.request;
+    FromUnits {
+        skin_ready: core.skin_start_ready,
+        skin_done: core.skin_done,
+        skinned: core.skin_write,
+        influence: row(influence.valid, influence.payload.tag),
+        update_ready: update.start_ready,
+        update_done: update.done,
+        node: update.node_write,
+        bounds_valid: update.box_write.valid,
+        bounds: update.box_write.payload.data,
+        program: row(program.valid, program.payload.tag),
     }
 }
 

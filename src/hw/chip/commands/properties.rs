@@ -2,7 +2,7 @@
 //! waited for where they must be; errors end the list; no deadlock.
 
 use super::{Decoded, Inputs, Outputs, States, Steps};
-use crate::chip::descriptor;
+use crate::chip::{Limits, descriptor};
 use crate::hdl::properties::{assert_shown_stays, count};
 use crate::hdl::{Builder, Bundle, Proof, Reg, Signal};
 use crate::hw::chip::COUNT_BITS;
@@ -10,8 +10,8 @@ use crate::hw::chip::COUNT_BITS;
 /// The unit's parts.
 pub(super) struct Unit<'a, 'b> {
     pub m: &'b Builder,
-    /// The greatest number of rays of a cast.
-    pub most: u32,
+    /// What the numbers of descriptors are checked against.
+    pub limits: Limits,
     pub inputs: &'a Inputs<Signal<'b>>,
     pub outputs: &'a Outputs<Signal<'b>>,
     pub states: &'a States<Reg<'b>>,
@@ -245,7 +245,7 @@ impl<'b> Unit<'_, 'b> {
         let cast = out.cast;
         let aligned = cast.rays_address.low(4).is_zero() & cast.cast.hits.address.low(6).is_zero();
         let count = cast.cast.rays.count;
-        let in_range = count.any() & count.le(m.lit(self.most, COUNT_BITS));
+        let in_range = count.any() & count.le(m.lit(self.limits.rays, COUNT_BITS));
         proof.assert(
             "a cast has a scene, aligned addresses and a number of rays in range",
             out.cast_valid

@@ -2,9 +2,9 @@
 //! doorbell and no interrupt is lost.
 
 use super::{Control, Inputs, Outputs, WINDOW_BITS, WriteAccess};
-use crate::chip::registers::{interrupt, offset};
+use crate::chip::registers::{COUNTERS, interrupt, offset};
 use crate::hdl::properties::{assert_shown_stays, count};
-use crate::hdl::{Builder, Bundle, Proof, Reg, Signal};
+use crate::hdl::{Builder, Proof, Reg, Signal};
 use std::collections::BTreeMap;
 
 /// The unit's parts.
@@ -242,15 +242,7 @@ impl<'b> Unit<'_, 'b> {
     /// The copies are those of one cycle.
     fn counters(&self, proof: &Proof<'b>, known: Signal<'b>) {
         let snapshot = self.written(proof, offset::SNAPSHOT);
-        let names = (self.inputs.count.fields().into_iter())
-            .map(|(name, _)| name)
-            .chain(
-                self.inputs
-                    .counted
-                    .fields()
-                    .into_iter()
-                    .map(|(name, _)| name),
-            );
+        let names = COUNTERS.iter().map(|(name, _)| *name);
         for (name, (copy, count)) in names.zip(self.copies) {
             let taken = snapshot.mux(proof.past(*count), proof.past(copy.q));
             proof.assert(
