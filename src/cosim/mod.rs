@@ -23,6 +23,7 @@ pub mod unit_cache;
 pub mod unit_cast;
 pub mod unit_commands;
 pub mod unit_geometry;
+pub mod unit_motion;
 pub mod unit_registers;
 pub mod unit_skinning;
 pub mod unit_tpu;

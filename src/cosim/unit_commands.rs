@@ -10,12 +10,13 @@ use super::model::PortHandle;
 use super::scoreboard::{Bench, Category, RESET_CYCLES, UnitOptions, UnitReport};
 use crate::bkd::bytes::ByteRecord;
 use crate::chip::Limits;
-use crate::chip::descriptor::{self, Cast, Command, Fault, Scene, WORDS};
+use crate::chip::descriptor::{self, Cast, Command, Fault, Scene, Skin, Update, WORDS};
 use crate::config::Config;
 use crate::float::{Format, specials};
 use crate::hdl::{self, Bundle};
 use crate::hw::Plan;
 use crate::hw::chip::commands::{Inputs, Outputs, module, ports};
+use crate::hw::chip::motion::Motion;
 use anyhow::Result;
 
 /// What the unit can meet: descriptors, unless said otherwise.
@@ -26,6 +27,9 @@ pub const CATEGORIES: &[Category] = &[
     Category::SignalCommand,
     Category::SceneCommand,
     Category::CastCommand,
+    Category::WaitCommand,
+    Category::SkinCommand,
+    Category::UpdateCommand,
     Category::WrongOpcode,
     Category::Misaligned,
     Category::WrongSize,
@@ -36,6 +40,9 @@ pub const CATEGORIES: &[Category] = &[
     Category::ErrorInFence,
     Category::WaitsForCast,
     Category::UnderCast,
+    Category::WaitsForMotion,
+    Category::UpdateUnderCast,
+    Category::WaitsOn,
     Category::WaitsForWrites,
     // A cycle in which a write waits.
     Category::WaitingWrite,
@@ -75,10 +82,30 @@ enum Next {
     BoxBeat(Scene, u32),
     Signal,
     Cast(Cast),
+    /// A mesh or an update starts.
+    Skin(Skin),
+    Update(Update),
+    /// Of a list that waits: what is open is written, the word is read, compared, and read again after a pause.
+    Publish(Awaited),
+    Published(Awaited),
+    Poll(Awaited),
+    PollBeat(Awaited, u32),
+    Compare(Awaited, u32),
+    Rest(Awaited, u32),
     /// Lines are closed, until all is written.
     Flush,
     Flushed,
 }
+
+/// A word that a list waits for: its address, and the least value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Awaited {
+    address: u32,
+    value: u32,
+}
+
+/// Cycles between two reads of it, as `docs/chip.md` says.
+const REST: u32 = 64;
 
 /// What the list has come to.
 struct List {
@@ -107,8 +134,10 @@ struct List {
 struct Around {
     /// The list that waits to be started.
     start: Option<u32>,
-    /// Cycles of the cast that runs.
+    /// Cycles of the cast, of the mesh and of the update that run.
     casting: u32,
+    skinning: u32,
+    updating: u32,
     /// Whether a word is on its way to memory.
     writes: bool,
     /// Cycles until all caches are invalidated.
@@ -157,6 +186,9 @@ struct Given {
     beat: Option<bool>,
     write_ready: bool,
     casting: bool,
+    skinning: bool,
+    updating: bool,
+    motion_ready: bool,
     writes_done: bool,
     invalidating: bool,
     bus_error: Option<u32>,
@@ -170,10 +202,17 @@ struct Shown {
     read: bool,
     write: bool,
     cast: bool,
+    motion: bool,
     flush: bool,
     invalidate: bool,
     signalled: bool,
     ended: bool,
+}
+
+impl Given {
+    fn moves(&self) -> bool {
+        self.skinning || self.updating
+    }
 }
 
 impl Shown {
@@ -185,6 +224,7 @@ impl Shown {
             read: false,
             write: false,
             cast: false,
+            motion: false,
             flush: false,
             invalidate: false,
             signalled: false,
@@ -200,6 +240,7 @@ impl Shown {
                 shown.read,
                 shown.write,
                 shown.cast,
+                shown.motion,
                 shown.flush,
                 shown.invalidate,
                 shown.signalled,
@@ -212,6 +253,7 @@ impl Shown {
             "read",
             "write",
             "cast",
+            "motion",
             "flush",
             "invalidate",
             "signalled",
@@ -372,13 +414,16 @@ impl Run {
         let beat = match list.next {
             Next::DescriptorBeat(number) => Some(number + 1 == beats(WORDS)),
             Next::BoxBeat(_, number) => Some(number + 1 == beats(per_box)),
+            Next::PollBeat(..) => Some(true),
             _ => None,
         };
         // An error of the bus comes while bursts can be on their way, or in the idle state, where it belongs to no list.
         let may_fail = match list.next {
             Next::Start => true,
             Next::Invalidate | Next::Invalidated => false,
-            Next::Flush | Next::Flushed => around.writes || around.casting > 0,
+            Next::Flush | Next::Flushed => {
+                around.writes || around.casting.max(around.skinning).max(around.updating) > 0
+            }
             _ => true,
         };
         Given {
@@ -387,6 +432,9 @@ impl Run {
             beat: beat.filter(|_| rng.f64() >= pace.beat),
             write_ready: rng.f64() >= pace.write,
             casting: around.casting > 0,
+            skinning: around.skinning > 0,
+            updating: around.updating > 0,
+            motion_ready: rng.f64() >= pace.start,
             writes_done: !around.writes,
             invalidating: around.invalidating > 0,
             bus_error: (may_fail && rng.f64() < pace.errors).then(|| rng.u32(..)),
@@ -406,10 +454,17 @@ impl Run {
         model.set(inputs.beat.valid, given.beat.is_some().into());
         model.garble(payload.leaves(), rng);
         if let Some(last) = given.beat {
+            let polled;
             let (words, number) = match self.list.next {
                 Next::DescriptorBeat(number) => (&self.list.words[..], number),
                 Next::BoxBeat(_, number) => (&self.list.corners[..], number),
-                _ => unreachable!("beats come only in these two"),
+                Next::PollBeat(awaited, found) => {
+                    let mut words = vec![!found; self.beat_words];
+                    words[awaited.address as usize / 4 % self.beat_words] = found;
+                    polled = words;
+                    (&polled[..], 0)
+                }
+                _ => unreachable!("beats come only in these three"),
             };
             let words = words.chunks(self.beat_words).nth(number as usize);
             model.set_words(payload.data, words.expect("a beat of the burst"));
@@ -417,6 +472,9 @@ impl Run {
         }
         model.set(inputs.write_ready, given.write_ready.into());
         model.set(inputs.casting, given.casting.into());
+        model.set(inputs.skinning, given.skinning.into());
+        model.set(inputs.updating, given.updating.into());
+        model.set(inputs.motion_ready, given.motion_ready.into());
         model.set(inputs.writes_done, given.writes_done.into());
         model.set(inputs.invalidating, given.invalidating.into());
         model.set(inputs.bus_error_valid, given.bus_error.is_some().into());
@@ -435,6 +493,7 @@ impl Run {
             read: bit(outputs.read.valid),
             write: bit(outputs.write.valid),
             cast: bit(outputs.cast_valid),
+            motion: bit(outputs.motion.valid),
             flush: bit(outputs.flush),
             invalidate: bit(outputs.invalidate),
             signalled: bit(outputs.signalled),
@@ -448,15 +507,25 @@ impl Run {
         let mut wanted = Shown::none(list.next != Next::Start);
         // Whether the next thing may happen, and whether it does.
         let (may, does) = match list.next {
-            Next::Start | Next::DescriptorBeat(_) | Next::BoxBeat(..) | Next::Check => {
+            Next::Start
+            | Next::DescriptorBeat(_)
+            | Next::BoxBeat(..)
+            | Next::Check
+            | Next::PollBeat(..)
+            | Next::Compare(..)
+            | Next::Rest(..) => {
                 return wanted;
             }
             Next::Descriptor => (true, shown.read),
             Next::Box(_) => (!given.casting, shown.read),
             Next::Signal => (true, shown.write),
-            Next::Cast(_) => (!given.casting, shown.cast),
-            Next::Flush => (!given.casting, shown.flush),
-            Next::Flushed => {
+            Next::Cast(_) => (!given.casting && !given.skinning, shown.cast),
+            Next::Skin(_) => (!given.casting && !given.moves(), shown.motion),
+            Next::Update(_) => (!given.moves(), shown.motion),
+            Next::Publish(_) => (true, shown.flush),
+            Next::Poll(_) => (true, shown.read),
+            Next::Flush => (!given.casting && !given.moves(), shown.flush),
+            Next::Flushed | Next::Published(_) => {
                 wanted.flush = true;
                 return wanted;
             }
@@ -473,9 +542,12 @@ impl Run {
         let happens = may && (does || list.waited > SOON || list.is_offered);
         match list.next {
             Next::Invalidated if list.is_over() => wanted.ended = happens,
-            Next::Descriptor | Next::Box(_) | Next::Invalidated => wanted.read = happens,
+            Next::Descriptor | Next::Box(_) | Next::Poll(_) | Next::Invalidated => {
+                wanted.read = happens;
+            }
             Next::Cast(_) => wanted.cast = happens,
-            Next::Flush => wanted.flush = happens,
+            Next::Skin(_) | Next::Update(_) => wanted.motion = happens,
+            Next::Flush | Next::Publish(_) => wanted.flush = happens,
             Next::Invalidate => wanted.invalidate = happens,
             _ => {
                 wanted.write = happens;
@@ -495,6 +567,10 @@ impl Run {
         if shown.read {
             let (address, bytes) = match list.next {
                 Next::Box(scene) => (scene.bounds, 2 * ByteRecord::vertex(self.format).bytes),
+                Next::Poll(awaited) => {
+                    let bytes = 4 * self.beat_words as u32;
+                    (awaited.address & !(bytes - 1), bytes)
+                }
                 // What follows a fence.
                 Next::Invalidated if !list.begins => {
                     (list.at.wrapping_add(descriptor::BYTES), descriptor::BYTES)
@@ -526,6 +602,9 @@ impl Run {
                 ("short", cast.short.is_some().into(), rays.short),
                 ("hits", cast.hits.into(), hits.address),
             ]);
+        }
+        if shown.motion {
+            wanted.extend(motion(list.next, &outputs.motion.payload));
         }
         if (shown.cast || given.casting)
             && let Some((scene, corners)) = &list.scene
@@ -636,6 +715,31 @@ impl Run {
                 }
             },
             Next::Cast(_) if shown.cast => list.advances(),
+            Next::Skin(_) | Next::Update(_) if shown.motion => match given.motion_ready {
+                true => list.advances(),
+                false => list.is_offered = true,
+            },
+            Next::Publish(awaited) | Next::Published(awaited) if shown.flush => {
+                list.goes_to(match given.writes_done {
+                    true => Next::Poll(awaited),
+                    false => Next::Published(awaited),
+                });
+            }
+            Next::Poll(_) if shown.read => self.read(given, next),
+            Next::PollBeat(awaited, found) if given.beat.is_some() => {
+                list.goes_to(Next::Compare(awaited, found));
+            }
+            Next::Compare(awaited, found) => {
+                let ends = found >= awaited.value || before.is_some();
+                let categories = &mut self.bench.tally.categories;
+                categories.count(Category::WaitsOn, !ends);
+                match ends {
+                    true => list.advances(),
+                    false => list.goes_to(Next::Rest(awaited, 1)),
+                }
+            }
+            Next::Rest(awaited, REST) => list.goes_to(Next::Poll(awaited)),
+            Next::Rest(awaited, cycles) => list.next = Next::Rest(awaited, cycles + 1),
             Next::Flush | Next::Flushed if shown.flush => {
                 let categories = &mut self.bench.tally.categories;
                 categories.count(Category::WaitsForWrites, !given.writes_done);
@@ -697,6 +801,16 @@ impl Run {
             self.list.goes_to(Next::BoxBeat(scene, 0));
             return;
         }
+        if let Next::Poll(awaited) = of {
+            let rng = &mut self.rng;
+            let found = match rng.u8(..4) {
+                0 => awaited.value,
+                1 => awaited.value.saturating_sub(1),
+                _ => rng.u32(..),
+            };
+            self.list.goes_to(Next::PollBeat(awaited, found));
+            return;
+        }
         self.list.words = self.descriptor();
         self.list.left = self.list.left.saturating_sub(1);
         self.list.goes_to(Next::DescriptorBeat(0));
@@ -723,11 +837,20 @@ impl Run {
             });
         list.ends = checked.is_err() || checked == Ok(Command::End);
         let casting = self.around.casting > 0;
+        let moves = self.around.skinning.max(self.around.updating) > 0;
         let waits = matches!(
             checked,
-            Ok(Command::Scene(_) | Command::Cast(_) | Command::Fence | Command::End)
+            Ok(Command::Scene(_)
+                | Command::Cast(_)
+                | Command::Skin(_)
+                | Command::Fence
+                | Command::End)
         );
         categories.count(Category::WaitsForCast, waits && casting);
+        let is_update = matches!(checked, Ok(Command::Update(_)));
+        let waits = is_update || matches!(checked, Ok(Command::Skin(_) | Command::Fence));
+        categories.count(Category::WaitsForMotion, waits && moves);
+        categories.count(Category::UpdateUnderCast, is_update && casting && !moves);
         let (category, next) = match checked {
             Err(fault) => {
                 // An error of the bus in the same cycle goes first.
@@ -751,8 +874,11 @@ impl Run {
             Ok(Command::Signal { .. }) => (Category::SignalCommand, Next::Signal),
             Ok(Command::Scene(scene)) => (Category::SceneCommand, Next::Box(scene)),
             Ok(Command::Cast(cast)) => (Category::CastCommand, Next::Cast(cast)),
-            Ok(Command::Wait { .. } | Command::Skin(_) | Command::Update(_)) => {
-                unreachable!("not drawn yet")
+            Ok(Command::Skin(skin)) => (Category::SkinCommand, Next::Skin(skin)),
+            Ok(Command::Update(update)) => (Category::UpdateCommand, Next::Update(update)),
+            Ok(Command::Wait { address, value }) => {
+                let awaited = Awaited { address, value };
+                (Category::WaitCommand, Next::Publish(awaited))
             }
         };
         categories.count(category, true);
@@ -768,12 +894,21 @@ impl Run {
             false => rng.u8(..64) == 0,
         };
         let written = shown.write && given.write_ready;
-        let of_cast = given.casting && rng.u8(..4) == 0;
+        let of_cast = (given.casting || given.moves()) && rng.u8(..4) == 0;
         around.writes = written || of_cast || (around.writes && !leaves);
         around.casting = match shown.cast {
             true => rng.u32(1..=pace.longest_cast),
             false => around.casting.saturating_sub(1),
         };
+        let starts = shown.motion && given.motion_ready;
+        let mut moves = |cycles: u32, starts: bool| match starts {
+            true => rng.u32(1..=pace.longest_cast),
+            false => cycles.saturating_sub(1),
+        };
+        // What starts is what was offered: the list has gone on.
+        let is_update = self.list.words[0] & 0xff == descriptor::update::OPCODE;
+        around.skinning = moves(around.skinning, starts && !is_update);
+        around.updating = moves(around.updating, starts && is_update);
         around.invalidating = match shown.invalidate {
             true => rng.u32(1..=pace.sets),
             false => around.invalidating.saturating_sub(1),
@@ -827,7 +962,7 @@ impl Run {
             Command::Cast(_) => &[(1, 4), (3, 6)],
             Command::Wait { .. } => &[(1, 2)],
             Command::Skin(_) => &[(1, 6), (4, 4)],
-            Command::Update(_) => &[(1, 4), (3, 6), (5, 6)],
+            Command::Update(_) => &[(1, 4), (3, 6), (5, 6), (7, self.limits.box_bytes.ilog2())],
             Command::End | Command::Fence => &[],
         };
         if !aligned.is_empty() && rng.u8(..4) != 0 {
@@ -838,12 +973,29 @@ impl Run {
                 words[word] ^= rng.u32(..1 << bits);
             }
         }
-        if let Command::Cast(_) = command
-            && rng.bool()
-        {
-            words[cast::word::count] = match rng.u8(..4) {
+        // The words that are counts or indices, with the greatest value.
+        let index = self.limits.greatest_index;
+        let counts: &[(usize, u32)] = match command {
+            Command::Cast(_) => &[(cast::word::count, self.limits.rays)],
+            Command::Skin(_) => {
+                let joints = self.limits.joints;
+                &[
+                    (2, index),
+                    (3, joints),
+                    (5, index),
+                    (6, index),
+                    (7, index),
+                    (8, index),
+                ]
+            }
+            Command::Update(_) => &[(2, index), (4, index), (6, index)],
+            _ => &[],
+        };
+        if !counts.is_empty() && rng.bool() {
+            let (word, most) = counts[rng.usize(..counts.len())];
+            words[word] = match rng.u8(..4) {
                 0 => 0,
-                1 => self.limits.rays + 1,
+                1 => most.wrapping_add(1),
                 2 => 1 << rng.u32(..32),
                 _ => rng.u32(..),
             };
@@ -858,10 +1010,17 @@ impl Run {
     }
 
     fn command(&mut self) -> Command {
-        let most = self.limits.rays;
+        let Limits {
+            rays: most,
+            joints,
+            greatest_index,
+            box_bytes,
+        } = self.limits;
         let rng = &mut self.rng;
         let aligned = |rng: &mut fastrand::Rng, to: u32| rng.u32(..) & !(to - 1);
-        match rng.u8(..10) {
+        let index = |rng: &mut fastrand::Rng| rng.u32(..=greatest_index);
+        let count = |rng: &mut fastrand::Rng| rng.u32(1..=greatest_index);
+        match rng.u8(..14) {
             0 => Command::Fence,
             1 => Command::Jump {
                 to: aligned(rng, 64),
@@ -877,6 +1036,29 @@ impl Run {
                 records: aligned(rng, 64),
                 vertices: aligned(rng, 64),
                 bounds: aligned(rng, 64),
+            }),
+            7 => Command::Wait {
+                address: aligned(rng, 4),
+                value: rng.u32(..) >> rng.u32(..32),
+            },
+            8 | 9 => Command::Skin(Skin {
+                vertices: aligned(rng, 64),
+                palette: index(rng),
+                joints: rng.u32(1..=joints),
+                influences: aligned(rng, 16),
+                rows: count(rng),
+                rest: index(rng),
+                count: count(rng),
+                target: index(rng),
+            }),
+            10 | 11 => Command::Update(Update {
+                program: aligned(rng, 16),
+                rows: count(rng),
+                vertices: aligned(rng, 64),
+                first_vertex: index(rng),
+                nodes: aligned(rng, 64),
+                first_node: index(rng),
+                bounds: aligned(rng, box_bytes),
             }),
             _ => Command::Cast(Cast {
                 rays: aligned(rng, 16),
@@ -894,6 +1076,38 @@ impl Run {
                 }),
             }),
         }
+    }
+}
+
+/// What is offered of a mesh or an object: the fields that its command has.
+fn motion(next: Next, ports: &Motion<PortHandle>) -> Vec<(&'static str, u64, PortHandle)> {
+    match next {
+        Next::Skin(skin) => vec![
+            ("is update", 0, ports.is_update),
+            ("vertices", skin.vertices.into(), ports.vertices),
+            ("palette", skin.palette.into(), ports.palette),
+            ("joints", skin.joints.into(), ports.joints),
+            ("influences", skin.influences.into(), ports.rows_address),
+            ("rows", skin.rows.into(), ports.rows),
+            ("rest", skin.rest.into(), ports.rest),
+            ("count", skin.count.into(), ports.count),
+            ("target", skin.target.into(), ports.target),
+        ],
+        Next::Update(update) => vec![
+            ("is update", 1, ports.is_update),
+            ("program", update.program.into(), ports.rows_address),
+            ("rows", update.rows.into(), ports.rows),
+            ("vertices", update.vertices.into(), ports.vertices),
+            (
+                "first vertex",
+                update.first_vertex.into(),
+                ports.first_vertex,
+            ),
+            ("nodes", update.nodes.into(), ports.nodes),
+            ("first node", update.first_node.into(), ports.first_node),
+            ("bounds", update.bounds.into(), ports.bounds),
+        ],
+        _ => unreachable!("nothing else is offered as a motion"),
     }
 }
 

@@ -32,7 +32,7 @@ use crate::cosim::scoreboard::{Interrupted, Mutated, Recorder, SELECT, UnitOptio
 use crate::cosim::workload::{Workload, instanced_scene};
 use crate::cosim::{
     raycast, unit_arithmetic, unit_axi, unit_bus, unit_cache, unit_cast, unit_commands,
-    unit_geometry, unit_registers, unit_skinning, unit_tpu, unit_update,
+    unit_geometry, unit_motion, unit_registers, unit_skinning, unit_tpu, unit_update,
 };
 use crate::hdl::{Design, Mutation, Select, Site};
 use crate::hw;
@@ -47,7 +47,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 /// The units, whose modules are mutated. What is not in the core comes last, so that mutants of the core keep their numbers.
-pub const UNITS: [&str; 13] = [
+pub const UNITS: [&str; 14] = [
     "arithmetic",
     "tpu",
     "geometry",
@@ -61,6 +61,7 @@ pub const UNITS: [&str; 13] = [
     "cast",
     "registers",
     "commands",
+    "motion",
 ];
 
 /// The modules that are mutated of a unit of the memory system; its neighbours are there for its bench. Empty: all.
@@ -209,6 +210,7 @@ fn design_of(config: &Config, unit: &str) -> Result<Design> {
             let config = unit_commands::reference();
             hw::chip::commands::module(&hw::Plan::new(&config)?, config.bus_data_bits)?
         }
+        "motion" => hw::chip::motion::module(&hw::Plan::new(config)?)?,
         "axi" => unit_axi::module_of(&unit_axi::reference())?,
         "combiner" | "arbiter" | "reader" => unit_bus::module(&unit_bus::Sizes::reference())?,
         _ => bail!("unit {unit}: is not one of {}", UNITS.join(", ")),
@@ -363,6 +365,7 @@ fn kinds_of(unit: &str) -> &'static [&'static str] {
         "cast" => &["casts"],
         "registers" => &["accesses"],
         "commands" => &["lists"],
+        "motion" => &["motions"],
         "combiner" | "arbiter" | "reader" => &["traffic"],
         _ => &["rays", "skins"],
     }
@@ -382,6 +385,7 @@ fn run_outside_core(
         "casts" => unit_cast::run(&unit_cast::reference(), length / 4, options)?.into(),
         "accesses" => unit_registers::run(config, length, options)?.into(),
         "lists" => unit_commands::run(&unit_commands::reference(), length, options)?.into(),
+        "motions" => unit_motion::run(config, length, options)?.into(),
         "bursts" => unit_axi::run(&unit_axi::reference(), length / 4, options)?.into(),
         _ => unit_bus::run(&unit_bus::Sizes::reference(), length, options)?.into(),
     })

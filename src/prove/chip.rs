@@ -3,7 +3,7 @@
 use super::induction::{Induction, of_module};
 use crate::config::Config;
 use crate::hw::Plan;
-use crate::hw::chip::{commands, counters, registers};
+use crate::hw::chip::{commands, counters, motion, registers};
 use anyhow::Result;
 
 /// All inductions of a unit of the given name; empty for a unit that is not the chip's.
@@ -21,6 +21,19 @@ pub fn proofs(unit: &str, config: &Config) -> Result<Vec<Induction>> {
             commands::module(&plan()?, config.bus_data_bits)?,
             "executes",
         )],
+        // Rows of a word, of two, and of half a word; records of one word and of two.
+        "motion" => {
+            let mut modules = vec![(motion::module(&plan()?)?, "moves")];
+            for (exponent_bits, fraction_bits) in [(10, 23), (3, 2)] {
+                let config = Config {
+                    exponent_bits,
+                    fraction_bits,
+                    ..config.clone()
+                };
+                modules.push((motion::module(&Plan::new(&config)?)?, "moves"));
+            }
+            modules
+        }
         _ => vec![],
     };
     let found = modules.into_iter();

@@ -27,7 +27,7 @@ use std::sync::{Arc, mpsc};
 use std::time::Instant;
 
 /// What can be proved, with what it is.
-pub const UNITS: [(&str, &str); 24] = [
+pub const UNITS: [(&str, &str); 25] = [
     ("add", "fp_add: the sum of any two operands"),
     ("sub", "fp_sub: the difference of any two operands"),
     ("mul", "fp_mul: the product of any two operands"),
@@ -105,6 +105,10 @@ pub const UNITS: [(&str, &str); 24] = [
     (
         "commands",
         "the command processor: order, waits, errors, ports, no deadlock",
+    ),
+    (
+        "motion",
+        "the motion unit: one processor at a time, rows in order, words of records, no deadlock",
     ),
 ];
 

@@ -11,7 +11,7 @@ use dynrt::config::{Config, MemoryModel};
 use dynrt::cosim::chip::{Behaviour, Chip, Options, Report};
 use dynrt::cosim::lists::Lists;
 use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
-use dynrt::cosim::{unit_cast, unit_commands, unit_registers};
+use dynrt::cosim::{unit_cast, unit_commands, unit_motion, unit_registers};
 
 /// The reference with some keys changed.
 fn variant(keys: &[(&str, &str)]) -> Config {
@@ -116,6 +116,30 @@ fn commands_follow_any_list() {
     let (least, seed) = (transactions(configs.len()), seed());
     for config in configs {
         let report = unit_commands::run(&config, least, &UnitOptions::new(seed));
+        check(&config, least, report);
+    }
+}
+
+/// Random meshes and objects with rows and records of every size, behind neighbours of any pace.
+#[test]
+fn motions_hand_on_rows_and_write_records() {
+    let configs = [
+        Config::reference(),
+        variant(&[
+            ("float.exponent_bits", "10"),
+            ("float.fraction_bits", "23"),
+            ("skinning.rows_ahead", "2"),
+        ]),
+        variant(&[
+            ("float.exponent_bits", "3"),
+            ("float.fraction_bits", "2"),
+            ("tree.address_bits", "26"),
+            ("update.program_rows", "32"),
+        ]),
+    ];
+    let (least, seed) = (transactions(configs.len()), seed());
+    for config in configs {
+        let report = unit_motion::run(&config, least, &UnitOptions::new(seed));
         check(&config, least, report);
     }
 }

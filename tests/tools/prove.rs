@@ -118,6 +118,7 @@ fn seeded_faults_of_control_are_refuted() {
         "reader",
         "registers",
         "commands",
+        "motion",
         "cast",
     ];
     hold(&rows(&few_packets(), &units, true, true), 170);

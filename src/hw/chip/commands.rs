@@ -263,6 +263,7 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     ports.outputs.outputs(&m, outputs);
     properties::executes(&properties::Unit {
         m: &m,
+        beat_bits: offset,
         limits: Limits::of(&plan.config),
         inputs: &inputs,
         outputs: &outputs,
@@ -277,6 +278,8 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
         begins,
         ends_list,
         asked,
+        is_reached: lists.is_reached,
+        rest,
     });
     m.finish()
 }

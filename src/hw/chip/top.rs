@@ -5,9 +5,7 @@ use super::memory::{self, CachedInputs, CachedOutputs, Port};
 use super::motion::{self, FromUnits, RowRequest};
 use super::registers::{self, LiteInputs, LiteOutputs};
 use super::{NAME, bus, commands, counters};
-use crate::hdl::{
-    Builder, Design, Flow, HdlError, Module, ReadInputs, Signal, Specs, Wires,
-};
+use crate::hdl::{Builder, Design, Flow, HdlError, Module, ReadInputs, Signal, Specs, Wires};
 use crate::hw::core::{self, default_prefix};
 use crate::hw::memory::axi::{MasterInputs, MasterOutputs};
 use crate::hw::memory::combiner::WORD_BITS;

@@ -10,6 +10,8 @@ use crate::hw::chip::COUNT_BITS;
 /// The unit's parts.
 pub(super) struct Unit<'a, 'b> {
     pub m: &'b Builder,
+    /// Bits of a byte's place in a beat.
+    pub beat_bits: u32,
     /// What the numbers of descriptors are checked against.
     pub limits: Limits,
     pub inputs: &'a Inputs<Signal<'b>>,
@@ -26,6 +28,9 @@ pub(super) struct Unit<'a, 'b> {
     pub begins: Reg<'b>,
     pub ends_list: Reg<'b>,
     pub asked: Reg<'b>,
+    /// The word that a list waits for, and the counter between two reads.
+    pub is_reached: Signal<'b>,
+    pub rest: Reg<'b>,
 }
 
 /// What the properties know of the neighbours.
@@ -72,6 +77,11 @@ impl<'b> Unit<'_, 'b> {
             now.fetches_box,
             now.receives_box,
             now.signals,
+            now.publishes,
+            now.fetches_word,
+            now.receives_word,
+            now.compares,
+            now.rests,
         ])
     }
 
@@ -101,11 +111,30 @@ impl<'b> Unit<'_, 'b> {
             inputs.casting.implies(runs.q) & started.q.implies(inputs.casting),
         );
 
+        let moves = inputs.skinning | inputs.updating;
+        let moving = proof.reg_reset("motion_runs", 1, 0);
+        let is_update = proof.reg_reset("motion_is_update", 1, 0);
+        let taken = out.motion.valid & inputs.motion_ready;
+        moving.next(taken | (moving.q & moves));
+        is_update.next_when(taken, out.motion.payload.is_update);
+        let began = proof.reg_reset("motion_began", 1, 0);
+        began.next(taken);
+        proof.assume(
+            "a mesh or an update runs from the cycle after its start, and none else runs",
+            (inputs.skinning.implies(moving.q & !is_update.q))
+                & inputs.updating.implies(moving.q & is_update.q)
+                & began.q.implies(moves),
+        );
+        proof.assume(
+            "no start of a mesh or an update is taken while one runs",
+            inputs.motion_ready.implies(!moves),
+        );
+
         let clean = proof.reg_reset("clean", 1, 1);
         let written = out.write.valid & inputs.write_ready;
-        clean.next(inputs.writes_done & !written & !inputs.casting);
+        clean.next(inputs.writes_done & !written & !inputs.casting & !moves);
         proof.assume(
-            "writes are pending only of a cast or a signal",
+            "writes are pending only of a cast, a mesh, an update or a signal",
             clean.q.implies(inputs.writes_done),
         );
 
@@ -139,6 +168,7 @@ impl<'b> Unit<'_, 'b> {
             out.read.valid,
             out.write.valid,
             out.cast_valid,
+            out.motion.valid,
             out.flush,
             out.invalidate,
             out.ended,
@@ -172,7 +202,9 @@ impl<'b> Unit<'_, 'b> {
         let now = self.now();
         proof.assert(
             "the unit receives while beats are to come",
-            around.owed.eq(now.receives | now.receives_box),
+            around
+                .owed
+                .eq(now.receives | now.receives_box | now.receives_word),
         );
         proof.assert(
             "a signal interrupts when its word is accepted",
@@ -182,14 +214,22 @@ impl<'b> Unit<'_, 'b> {
 
     /// Casts, writes and invalidations are waited for.
     fn waits(&self, proof: &Proof<'b>, around: &Around<'b>) {
-        let (inputs, out, now) = (self.inputs, self.outputs, self.now());
+        let (m, inputs, out, now) = (self.m, self.inputs, self.outputs, self.now());
+        let moves = inputs.skinning | inputs.updating;
+        let runs = inputs.casting | moves;
         proof.assert(
-            "a cast starts when none runs",
-            out.cast_valid.implies(!inputs.casting),
+            "a cast starts when no cast runs and no mesh is skinned",
+            out.cast_valid.implies(!inputs.casting & !inputs.skinning),
+        );
+        let motion = out.motion;
+        let is_update = motion.payload.is_update;
+        proof.assert(
+            "a mesh starts when nothing runs, an update when no mesh and no update runs",
+            motion.valid.implies(!moves) & (motion.valid & !is_update).implies(!runs),
         );
         proof.assert(
-            "no cast runs while lines are flushed, caches invalidated, or no list runs",
-            (now.flushes | now.invalidates | now.idle).implies(!inputs.casting),
+            "nothing runs while lines are flushed for a fence, caches invalidated, or no list runs",
+            (now.flushes | now.invalidates | now.idle).implies(!runs),
         );
         proof.assert(
             "no cast runs while a scene is set",
@@ -208,7 +248,20 @@ impl<'b> Unit<'_, 'b> {
             self.asked.q.implies(now.invalidates) & out.invalidate.implies(!self.asked.q),
         );
         let flushed = proof.reg_reset("flushed", 1, 0);
-        flushed.next((out.flush & inputs.writes_done) | (flushed.q & !out.invalidate));
+        flushed.next((now.flushes & inputs.writes_done) | (flushed.q & !out.invalidate));
+        let published = proof.reg_reset("published", 1, 0);
+        let ends = self.steps.advances | (now.idle & inputs.start_valid);
+        let written = now.publishes & inputs.writes_done;
+        published.next((written | published.q) & !ends);
+        proof.assert(
+            "a word is read and awaited when all earlier writes were in memory",
+            m.or_all(&[now.fetches_word, now.receives_word, now.compares, now.rests])
+                .implies(published.q),
+        );
+        proof.assert(
+            "a list goes on behind a wait if its word is great enough, or after an error",
+            (now.compares & self.steps.advances).implies(self.is_reached | self.is_bad),
+        );
         proof.assert(
             "caches are invalidated at the begin of a list, and after a flush",
             (now.invalidates & !self.asked.q).implies(self.begins.q | flushed.q),
@@ -230,9 +283,25 @@ impl<'b> Unit<'_, 'b> {
         );
         for (what, state, kind) in [
             (
-                "cast or a scene",
+                "command of a unit",
                 now.waits,
-                decoded.is_cast | decoded.is_scene,
+                m.or_all(&[
+                    decoded.is_cast,
+                    decoded.is_scene,
+                    decoded.is_skin,
+                    decoded.is_update,
+                ]),
+            ),
+            (
+                "wait",
+                m.or_all(&[
+                    now.publishes,
+                    now.fetches_word,
+                    now.receives_word,
+                    now.compares,
+                    now.rests,
+                ]),
+                decoded.is_wait,
             ),
             ("scene", now.fetches_box, decoded.is_scene),
             ("signal", now.signals, decoded.is_signal),
@@ -251,12 +320,14 @@ impl<'b> Unit<'_, 'b> {
             out.cast_valid
                 .implies(self.has_scene.q & aligned & in_range),
         );
+        self.motions(proof);
         let offset = descriptor::BYTES.ilog2();
+        let address = out.read.payload.address;
+        let of_beat = (out.read.valid & now.fetches_word)
+            .implies(out.read.payload.beats.is_zero() & address.low(self.beat_bits).is_zero());
         proof.assert(
-            "bursts are aligned to descriptors",
-            out.read
-                .valid
-                .implies(out.read.payload.address.low(offset).is_zero()),
+            "bursts are aligned to descriptors, and to beats for the word of a wait",
+            of_beat & (out.read.valid & !now.fetches_word).implies(address.low(offset).is_zero()),
         );
         let odd = self.place.q.low(offset).any() & out.running;
         proof.assert(
@@ -273,6 +344,30 @@ impl<'b> Unit<'_, 'b> {
         proof.assert(
             "descriptors follow each other, but for jumps",
             (around.known & comes & !jumped & !first).implies(follows),
+        );
+    }
+
+    /// A mesh and an object are those of a right descriptor.
+    fn motions(&self, proof: &Proof<'b>) {
+        let (m, motion) = (self.m, self.outputs.motion);
+        let of = motion.payload;
+        let corner_bits = self.limits.box_bytes.ilog2();
+        let of_update = of.nodes.low(6).is_zero() & of.bounds.low(corner_bits).is_zero();
+        let most = m.lit(self.limits.joints, of.joints.width());
+        let of_skin = of.count.any() & of.joints.any() & of.joints.le(most);
+        let both = of.vertices.low(6).is_zero() & of.rows_address.low(4).is_zero() & of.rows.any();
+        proof.assert(
+            "a mesh and an object have aligned addresses and counts in range",
+            motion
+                .valid
+                .implies(both & of.is_update.mux(of_update, of_skin)),
+        );
+        let kind = of
+            .is_update
+            .mux(self.decoded.is_update, self.decoded.is_skin);
+        proof.assert(
+            "what starts is what the descriptor asks for",
+            motion.valid.implies(kind & !self.decoded.fault),
         );
     }
 
@@ -350,16 +445,17 @@ impl<'b> Unit<'_, 'b> {
             out.read.valid & !inputs.read_ready,
             around.owed & !self.is_last_beat(),
             out.write.valid & !inputs.write_ready,
-            (now.waits | now.drains) & inputs.casting,
-            now.flushes & !inputs.writes_done,
+            (now.waits | now.drains) & (inputs.casting | inputs.skinning | inputs.updating),
+            out.motion.valid & !inputs.motion_ready,
+            (now.flushes | now.publishes) & !inputs.writes_done,
             now.invalidates & self.asked.q & inputs.invalidating,
         ];
         let mut all = now.leaves();
-        all.push(self.asked.q);
+        all.extend([self.asked.q, self.rest.q]);
         let state = m.concat(&all);
         let stays = around.known & state.eq(proof.past(state));
         proof.assert(
-            "the unit goes on, or waits for a list, the bus, a cast, writes or caches",
+            "the unit goes on, or waits for a list, the bus, a unit, writes or caches",
             stays.implies(proof.past(m.or_all(&waits))),
         );
     }
@@ -369,6 +465,11 @@ impl<'b> Unit<'_, 'b> {
         let fenced = proof.past(now.invalidates & !self.begins.q);
         proof.cover("a cast starts", out.cast_valid);
         proof.cover("a list goes on after a fence", now.fetches & fenced);
+        let motion = out.motion;
+        proof.cover("a mesh starts", motion.valid & !motion.payload.is_update);
+        let beside = motion.valid & motion.payload.is_update & self.inputs.casting;
+        proof.cover("an update starts while a cast runs", beside);
+        proof.cover("a word is great enough", now.compares & self.is_reached);
         proof.cover("a list ends without an error", out.ended & !self.is_bad);
         let odd = self.place.q.low(1).any();
         proof.cover("a list at a misaligned address ends", out.ended & odd);
@@ -380,6 +481,34 @@ impl<'b> Unit<'_, 'b> {
             (
                 "a cast starts while another runs",
                 steps.cast_starts.reads(inputs.casting).as_value(0),
+            ),
+            (
+                "a cast starts while a mesh is skinned",
+                steps.cast_starts.reads(inputs.skinning).as_value(0),
+            ),
+            (
+                "a mesh or an update is not waited for",
+                states.flushes.q.reads(inputs.updating).as_value(0),
+            ),
+            (
+                "a mesh starts while a cast runs",
+                self.outputs.motion.valid.reads(inputs.casting).as_value(0),
+            ),
+            (
+                "an update starts while another runs",
+                self.outputs.motion.valid.reads(inputs.updating).as_value(0),
+            ),
+            (
+                "a word is read before the writes are in memory",
+                states.fetches_word.q.reads(inputs.writes_done).as_value(1),
+            ),
+            (
+                "a wait ends with a word that is too small",
+                steps.wait_ends.reads(self.is_reached).as_value(1),
+            ),
+            (
+                "a list does not rest between two reads of a word",
+                states.rests.q.fault().as_value(0),
             ),
             (
                 "a scene is set while a cast runs",
