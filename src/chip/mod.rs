@@ -1,7 +1,8 @@
 //! What a host and the chip share: registers, descriptors of commands, rays and hits in bytes. `docs/chip.md` is the normative page; the
-//! tables here are the one definition from which the RTL, the golden chip and `docs/registers.md` derive.
+//! tables here are the one definition from which the RTL, the golden chip, `docs/registers.md` and the files for software derive.
 
 pub mod descriptor;
+pub mod export;
 pub mod image;
 pub mod memory;
 pub mod ray;
