@@ -3,8 +3,6 @@
 mod c;
 mod rdl;
 
-use super::registers::{Access, Field, Register, offset};
-
 pub use c::header;
 pub use rdl::rdl;
 
@@ -23,23 +21,4 @@ pub fn names(prefix: &str) -> [String; 2] {
 fn plain(text: &str) -> String {
     let text = text.replace('–', "-").replace('`', "");
     text.chars().filter(char::is_ascii).collect()
-}
-
-/// Whether a register never changes.
-fn is_constant(register: &Register) -> bool {
-    register.access == Access::ReadOnly && register.offset < offset::LIST
-}
-
-/// The fields of a register; one of a single value is a field of 32 bits.
-fn fields(register: &Register) -> Vec<Field> {
-    if !register.fields.is_empty() {
-        return register.fields.clone();
-    }
-    let value = Field {
-        name: "value",
-        lsb: 0,
-        width: 32,
-        what: "",
-    };
-    vec![value]
 }

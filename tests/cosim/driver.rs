@@ -720,13 +720,13 @@ fn hits_are_read_from_memory() {
 fn mapped_hardware_needs_no_callbacks() {
     let config = tiny();
     let driver = Driver::new(&config);
-    let mut registers = vec![0; 1024];
+    let mut window = vec![0; 1024];
     for register in registers(&config) {
-        registers[register.offset as usize / 4] = register.reset;
+        window[register.offset as usize / 4] = register.reset;
     }
     let address = 0x8000_0000;
     let mut memory = vec![0u32; 64];
-    let device = Host::mapped(&mut registers, &mut memory, address);
+    let device = Host::mapped(&mut window, &mut memory, address);
     let bytes: Vec<u8> = (1..=10).collect();
     let mut back = [0xff; 12];
     let mut list = empty_list();
@@ -753,8 +753,8 @@ fn mapped_hardware_needs_no_callbacks() {
     assert_eq!(memory.word(u64::from(address) + 8), Some(0x0403_0201));
     assert_eq!(words(&memory, address + 64), Command::Fence.encode());
     assert_eq!(words(&memory, address + 128), Command::End.encode());
-    assert_eq!(registers[offset::LIST as usize / 4], address + 64);
-    assert_eq!(registers[offset::DOORBELL as usize / 4], 1);
+    assert_eq!(window[offset::LIST as usize / 4], address + 64);
+    assert_eq!(window[offset::DOORBELL as usize / 4], 1);
 }
 
 /// Every code has its name and its text, and wrong cameras and pictures are refused.

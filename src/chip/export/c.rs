@@ -1,6 +1,6 @@
 //! The header for C: offsets, fields, descriptors, records, limits.
 
-use super::{fields, plain};
+use super::plain;
 use crate::bkd::bytes::{BASE_ALIGNMENT, ByteRecord};
 use crate::chip::descriptor::{self, COMMANDS, ERRORS};
 use crate::chip::registers::{self, COUNTER_BITS, COUNTERS, Register, WINDOW, offset};
@@ -185,21 +185,13 @@ fn field_bits(header: &mut Header, all: &[Register]) {
         }
     }
     let rows = all.iter().flat_map(|register| {
-        fields(register).into_iter().map(|field| {
-            format!(
-                "{}, {}, {}u, {}u",
-                register.name,
-                field.name.to_uppercase(),
-                field.lsb,
-                field.width
-            )
-        })
+        let names = register
+            .fields
+            .iter()
+            .map(|field| field.name.to_uppercase());
+        names.map(|field| format!("{}, {field}", register.name))
     });
-    header.each(
-        "FIELD",
-        "register, name, shift, width; VALUE is a whole register",
-        rows,
-    );
+    header.each("FIELD", "register, name", rows);
 }
 
 fn counters(header: &mut Header) {

@@ -1,6 +1,6 @@
 //! The register file in SystemRDL 2.0.
 
-use super::{fields, is_constant, plain};
+use super::plain;
 use crate::chip::descriptor::ERRORS;
 use crate::chip::registers::{self, Access, Field, Register, offset};
 use crate::config::Config;
@@ -103,4 +103,23 @@ fn string(text: &str) -> String {
         "\"{}\"",
         plain(text).replace('\\', "\\\\").replace('"', "\\\"")
     )
+}
+
+/// Whether a register never changes.
+fn is_constant(register: &Register) -> bool {
+    register.access == Access::ReadOnly && register.offset < offset::LIST
+}
+
+/// The fields of a register; one of a single value is a field of 32 bits.
+fn fields(register: &Register) -> Vec<Field> {
+    if !register.fields.is_empty() {
+        return register.fields.clone();
+    }
+    let value = Field {
+        name: "value",
+        lsb: 0,
+        width: 32,
+        what: "",
+    };
+    vec![value]
 }
