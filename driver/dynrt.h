@@ -271,7 +271,8 @@ int dynrt_read_answer(const struct dynrt_device *device, uint32_t hits, uint32_t
 /*
  * A pinhole camera. The ray through the pixel (column, row) of a picture of width x height pixels has the direction
  * forward + x right + y up, with x = (2 column + 1 - width) / height and y = (height - 2 row - 1) / height. So the lengths of right and
- * up are those of the tangent of half the vertical field of view if forward has length 1.
+ * up are those of the tangent of half the vertical field of view if forward has length 1. Coordinates are those of the vertices in
+ * memory: `dynrt pack` multiplies those of a scene by 2^log2_scale, which its manifest.json holds.
  */
 struct dynrt_camera {
     float eye[3];

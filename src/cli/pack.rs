@@ -20,7 +20,8 @@ Writes into DIR
   image.hex        the same for $readmemh, 16 bytes per line, the highest byte first
   hits/0000.bin    the bytes of the hits after the list, by the golden chip
   dynrt_regs.h     registers, descriptors, record sizes and limits of the machine for C programs
-  manifest.json    load address, parts, address of the command list, and results with their checksums
+  manifest.json    load address, parts, address of the command list, and results with their checksums;
+                   a coordinate in memory is one of the scene times 2^log2_scale
 
 The host copies image.bin to the load address, writes the address of the command list to LIST, and rings DOORBELL; see docs/chip.md.
 The driver in driver/ does this; see docs/integrating.md.
@@ -97,6 +98,7 @@ pub fn run(args: &Args) -> Result<()> {
         "files": ["image.bin", "image.hex", name, header],
         "scene": loaded.scene.name,
         "triangles": loaded.mesh.triangles.len(),
+        "log2_scale": loaded.mesh.log2_scale,
         "config": config.name,
         "overrides": picture.config.overrides(config),
         "view": loaded.view,

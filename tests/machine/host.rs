@@ -87,8 +87,12 @@ fn generate_and_pack_write_the_files_of_a_host() {
 
 /// Names of an object file that it takes from elsewhere.
 fn taken(folder: &Path, object: &str) -> Vec<String> {
-    let output = Command::new("nm").args(["-u", object]).current_dir(folder);
-    let output = { output }.output().unwrap();
+    let mut nm = Command::new("nm");
+    let output = nm
+        .args(["-u", object])
+        .current_dir(folder)
+        .output()
+        .unwrap();
     assert!(output.status.success());
     let printed = String::from_utf8_lossy(&output.stdout).into_owned();
     let names = printed.lines().map(|line| line.trim_start());
@@ -248,6 +252,7 @@ fn cocotb_casts_a_packed_scene() {
     let needed = [
         ("cocotb_tools.runner", "cocotb"),
         ("cocotbext.axi", "cocotbext-axi"),
+        ("libpython", "the shared library of Python (libpython3)"),
     ];
     let Some(python) = python(&needed, "the chip in cocotb") else {
         return;

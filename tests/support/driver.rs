@@ -35,12 +35,15 @@ pub fn program(name: &str) -> Option<PathBuf> {
     paths.into_iter().find(|path| path.is_file())
 }
 
-/// A Python with all of these modules, each named with the package that has it; otherwise says what is absent, and what has not run.
+/// A Python with all of these modules (`libpython` is Python itself as a shared library), each named with the package that has it; otherwise says what is absent, and what has not run.
 pub fn python(needed: &[(&str, &str)], what: &str) -> Option<PathBuf> {
-    const ABSENT: &str = "import importlib, sys\n\
+    const ABSENT: &str = "import ctypes, importlib, sys, sysconfig\n\
+         def use(name):\n\
+         \x20   if name != 'libpython': return importlib.import_module(name)\n\
+         \x20   ctypes.CDLL(sysconfig.get_config_var('INSTSONAME'))\n\
          for name in sys.argv[1:]:\n\
-         \x20   try: importlib.import_module(name)\n\
-         \x20   except ImportError: print(name)";
+         \x20   try: use(name)\n\
+         \x20   except (ImportError, OSError): print(name)";
     let mut least: Option<Vec<&str>> = None;
     for python in folders().iter().map(|folder| folder.join("python3")) {
         let modules = needed.iter().map(|(module, _)| module);
