@@ -92,7 +92,8 @@ void dynrt_discard(const struct dynrt_device *device, uint32_t address, uint32_t
     }
 }
 
-enum dynrt_result dynrt_copy_in(const struct dynrt_device *device, uint32_t address, const void *from, uint32_t bytes) {
+enum dynrt_result dynrt_copy_in(const struct dynrt_device *device, uint32_t address, const void *from,
+        uint32_t bytes) {
     const unsigned char *source = from;
     uint32_t at;
 
@@ -111,7 +112,8 @@ enum dynrt_result dynrt_copy_in(const struct dynrt_device *device, uint32_t addr
     return DYNRT_OK;
 }
 
-enum dynrt_result dynrt_copy_out(const struct dynrt_device *device, uint32_t address, void *to, uint32_t bytes) {
+enum dynrt_result dynrt_copy_out(const struct dynrt_device *device, uint32_t address, void *to,
+        uint32_t bytes) {
     unsigned char *target = to;
     uint32_t at;
 
@@ -151,7 +153,8 @@ enum dynrt_result dynrt_open(const struct dynrt_device *device) {
 
 /* Command lists. */
 
-enum dynrt_result dynrt_begin_list(struct dynrt_list *list, const struct dynrt_device *device, uint32_t address, uint32_t bytes) {
+enum dynrt_result dynrt_begin_list(struct dynrt_list *list, const struct dynrt_device *device,
+        uint32_t address, uint32_t bytes) {
     list->device = device;
     list->address = address;
     list->next = address;
@@ -386,7 +389,8 @@ uint32_t dynrt_events(const struct dynrt_device *device) {
     return events;
 }
 
-enum dynrt_result dynrt_wait(const struct dynrt_device *device, uint32_t mask, uint32_t polls, uint32_t *seen) {
+enum dynrt_result dynrt_wait(const struct dynrt_device *device, uint32_t mask, uint32_t polls,
+        uint32_t *seen) {
     uint32_t poll;
 
     for (poll = 0; poll < polls; poll++) {
@@ -519,7 +523,8 @@ void dynrt_read_counters(const struct dynrt_device *device, struct dynrt_counter
     }
 }
 
-uint64_t dynrt_counted(const struct dynrt_counters *before, const struct dynrt_counters *after, uint32_t counter) {
+uint64_t dynrt_counted(const struct dynrt_counters *before, const struct dynrt_counters *after,
+        uint32_t counter) {
     const uint64_t all = ((uint64_t)1 << DYNRT_COUNTER_BITS) - 1;
 
     return (after->value[counter] - before->value[counter]) & all;
@@ -632,7 +637,8 @@ static int set_length(float v[3], float length) {
     return is_finite(dot(v, v));
 }
 
-enum dynrt_result dynrt_look_at(struct dynrt_camera *camera, const float eye[3], const float target[3], const float up[3], float tangent) {
+enum dynrt_result dynrt_look_at(struct dynrt_camera *camera, const float eye[3], const float target[3],
+        const float up[3], float tangent) {
     /* The square of the sine of the least angle between the view and `up`: below it, rounding decides where the top is. */
     const float least = 1e-9f;
     float upwards[3];
@@ -676,7 +682,8 @@ void dynrt_pixel_of_ray(uint32_t width, uint32_t ray, uint32_t *column, uint32_t
 }
 
 /* Writes the short ray of a pixel. */
-static void fill_ray(const struct dynrt_device *device, const struct dynrt_camera *camera, const uint32_t size[2], const uint32_t pixel[2], uint32_t address) {
+static void fill_ray(const struct dynrt_device *device, const struct dynrt_camera *camera,
+        const uint32_t size[2], const uint32_t pixel[2], uint32_t address) {
     float x = (float)((int32_t)(2 * pixel[0] + 1) - (int32_t)size[0]) / (float)size[1];
     float y = (float)((int32_t)size[1] - (int32_t)(2 * pixel[1] + 1)) / (float)size[1];
     int is_inside = pixel[0] < size[0] && pixel[1] < size[1];
@@ -689,7 +696,8 @@ static void fill_ray(const struct dynrt_device *device, const struct dynrt_camer
     dynrt_write_word(device, address + 12, is_inside ? PLUS_INFINITY : MINUS_INFINITY);
 }
 
-enum dynrt_result dynrt_fill_rays(const struct dynrt_device *device, const struct dynrt_camera *camera, uint32_t width, uint32_t height, uint32_t first, uint32_t count, struct dynrt_cast *cast) {
+enum dynrt_result dynrt_fill_rays(const struct dynrt_device *device, const struct dynrt_camera *camera,
+        uint32_t width, uint32_t height, uint32_t first, uint32_t count, struct dynrt_cast *cast) {
     uint32_t all = dynrt_picture_rays(width, height);
     uint32_t size[2];
     uint32_t k;

@@ -97,10 +97,12 @@ void dynrt_write_word(const struct dynrt_device *device, uint32_t address, uint3
 
 /* Copies bytes into memory. `address` is a multiple of 4 (else DYNRT_MISALIGNED). The bytes behind the last, up to a multiple of 4, become
  * 0. The range is cleaned from the cache. */
-enum dynrt_result dynrt_copy_in(const struct dynrt_device *device, uint32_t address, const void *from, uint32_t bytes);
+enum dynrt_result dynrt_copy_in(const struct dynrt_device *device, uint32_t address, const void *from,
+        uint32_t bytes);
 
 /* Copies bytes out of memory. `address` is a multiple of 4 (else DYNRT_MISALIGNED). The range is discarded from the cache first. */
-enum dynrt_result dynrt_copy_out(const struct dynrt_device *device, uint32_t address, void *to, uint32_t bytes);
+enum dynrt_result dynrt_copy_out(const struct dynrt_device *device, uint32_t address, void *to,
+        uint32_t bytes);
 
 /* Makes what the chip has written to a range visible to dynrt_read_word and dynrt_read_hit. */
 void dynrt_discard(const struct dynrt_device *device, uint32_t address, uint32_t bytes);
@@ -125,7 +127,8 @@ struct dynrt_list {
 };
 
 /* Begins a list in `bytes` of memory at `address`, a multiple of DYNRT_DESCRIPTOR_BYTES (else DYNRT_MISALIGNED). */
-enum dynrt_result dynrt_begin_list(struct dynrt_list *list, const struct dynrt_device *device, uint32_t address, uint32_t bytes);
+enum dynrt_result dynrt_begin_list(struct dynrt_list *list, const struct dynrt_device *device,
+        uint32_t address, uint32_t bytes);
 
 /* Ends the list with `end`, and cleans it from the cache. Returns the first failure of the list. */
 enum dynrt_result dynrt_finish_list(struct dynrt_list *list);
@@ -211,7 +214,8 @@ uint32_t dynrt_events(const struct dynrt_device *device);
 
 /* Polls until one of the events in `mask` has happened, `polls` times at most, with `pause` between two polls. All events that were seen,
  * also others, are added to *seen, unless it is NULL. DYNRT_TIMED_OUT if none of `mask` has happened: the list, if one runs, goes on. */
-enum dynrt_result dynrt_wait(const struct dynrt_device *device, uint32_t mask, uint32_t polls, uint32_t *seen);
+enum dynrt_result dynrt_wait(const struct dynrt_device *device, uint32_t mask, uint32_t polls,
+        uint32_t *seen);
 
 /* Submits a list to an idle chip and waits for its end; events from before are cleared. DYNRT_LIST_FAILED if it has ended with an error,
  * DYNRT_TIMED_OUT if it has not ended, DYNRT_BUSY if another one runs; else as dynrt_submit. */
@@ -243,7 +247,8 @@ struct dynrt_counters {
 void dynrt_read_counters(const struct dynrt_device *device, struct dynrt_counters *counters);
 
 /* The increase of a counter, right as long as it has wrapped once at most. */
-uint64_t dynrt_counted(const struct dynrt_counters *before, const struct dynrt_counters *after, uint32_t counter);
+uint64_t dynrt_counted(const struct dynrt_counters *before, const struct dynrt_counters *after,
+        uint32_t counter);
 
 /* The name of a counter. A constant string, never NULL. */
 const char *dynrt_counter_name(uint32_t counter);
@@ -283,7 +288,8 @@ struct dynrt_camera {
 
 /* A camera at `eye` that looks at `target`, with the top of the picture towards `up`; `tangent` > 0 is that of half the vertical field of
  * view. DYNRT_OUT_OF_RANGE if the target is the eye, `up` points along the view, or a number is not finite or too large to be squared. */
-enum dynrt_result dynrt_look_at(struct dynrt_camera *camera, const float eye[3], const float target[3], const float up[3], float tangent);
+enum dynrt_result dynrt_look_at(struct dynrt_camera *camera, const float eye[3], const float target[3],
+        const float up[3], float tangent);
 
 /*
  * Rays of a picture. Rays are in the order of tiles of 8 x 8 pixels, along the Z curve in each tile, since the chip is fastest if
@@ -299,7 +305,8 @@ void dynrt_pixel_of_ray(uint32_t width, uint32_t ray, uint32_t *column, uint32_t
 /* Writes `count` rays from number `first` on, as short rays, to memory at cast->rays, and fills the other members of `cast` except `hits`
  * and `any_hit`. tmin is 0, tmax is infinite. A picture of more rays than DYNRT_MOST_RAYS takes several casts. DYNRT_MISALIGNED or
  * DYNRT_OUT_OF_RANGE for a wrong address, picture, or range of rays. */
-enum dynrt_result dynrt_fill_rays(const struct dynrt_device *device, const struct dynrt_camera *camera, uint32_t width, uint32_t height, uint32_t first, uint32_t count, struct dynrt_cast *cast);
+enum dynrt_result dynrt_fill_rays(const struct dynrt_device *device, const struct dynrt_camera *camera,
+        uint32_t width, uint32_t height, uint32_t first, uint32_t count, struct dynrt_cast *cast);
 
 #ifdef __cplusplus
 }

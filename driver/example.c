@@ -24,7 +24,8 @@ static void print_line(dynrt_print *print, void *context, const char *name, uint
 }
 
 /* Reports a failure. */
-static enum dynrt_result failure(const struct dynrt_device *device, dynrt_print *print, void *context, enum dynrt_result result) {
+static enum dynrt_result failure(const struct dynrt_device *device, dynrt_print *print, void *context,
+        enum dynrt_result result) {
     print(context, "error: ");
     print(context, dynrt_result_text(result));
     if (result == DYNRT_LIST_FAILED) {
@@ -77,7 +78,8 @@ static uint64_t hits_of_list(const struct dynrt_device *device, uint32_t list) {
     }
 }
 
-enum dynrt_result dynrt_example(const struct dynrt_device *device, const struct dynrt_image *image, uint32_t polls, dynrt_print *print, void *context) {
+enum dynrt_result dynrt_example(const struct dynrt_device *device, const struct dynrt_image *image,
+        uint32_t polls, dynrt_print *print, void *context) {
     struct dynrt_counters before;
     struct dynrt_counters after;
     enum dynrt_result result = dynrt_open(device);

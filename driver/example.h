@@ -18,6 +18,7 @@ struct dynrt_image {
 
 /* Copies the image into memory, runs its list with at most `polls` polls, and prints the rays, the hits and the cycles from the start of
  * the list to its end, a line each. A failure is printed as one line. Returns the result. */
-enum dynrt_result dynrt_example(const struct dynrt_device *device, const struct dynrt_image *image, uint32_t polls, dynrt_print *print, void *context);
+enum dynrt_result dynrt_example(const struct dynrt_device *device, const struct dynrt_image *image,
+        uint32_t polls, dynrt_print *print, void *context);
 
 #endif

@@ -13,7 +13,7 @@ use dynrt::config::Config;
 use dynrt::cosim::chip::{Chip, Options};
 use dynrt::golden::chip as golden;
 use dynrt::port::Ray;
-use dynrt::scene::{self, View};
+use dynrt::scene::View;
 use library::{Behind, Camera, Cast, Driver, Fault, Hit, Host, Image, List, print, text};
 use std::collections::HashMap;
 use std::ffi::c_int;
@@ -323,7 +323,14 @@ fn a_camera_fills_rays() {
             (driver.add_cast)(&mut list, &cast);
         }
         assert_eq!((driver.finish_list)(&mut list), OK);
+        // What the processor's cache holds of the hits is old after the list.
+        let mut old = Hit::default();
+        (driver.read_hit)(&device, hits, 0, &mut old);
+        assert_eq!(old.triangle, 0);
         assert_eq!((driver.run)(&device, place, POLLS), OK);
+        (driver.read_hit)(&device, hits, 0, &mut old);
+        assert_eq!(old.triangle, 0);
+        (driver.discard)(&device, hits, 16 * all);
         let mut seen = vec![false; (width * height) as usize];
         for ray in 0..all {
             let (mut column, mut row) = (0, 0);

@@ -222,12 +222,14 @@ pub enum Behind {
     Table(HashMap<u32, u32>, Memory),
 }
 
-/// A host whose cache of words is coherent only by maintenance: it holds each word that was read or written, and its writes reach memory
-/// when they are cleaned.
+/// A host whose cache of words is coherent only by maintenance: it holds each word that was read or written. Words that are cleaned wait
+/// in a buffer until the next barrier; then they are in memory.
 pub struct Host {
     behind: Behind,
     /// Words in the cache, and whether each was written.
     cache: HashMap<u32, (u32, bool)>,
+    /// Words on their way to memory.
+    buffer: Vec<(u32, u32)>,
     /// Cycles of a pause.
     pause: u64,
     pauses: u64,
@@ -244,6 +246,7 @@ impl Host {
         Box::new(Host {
             behind,
             cache: HashMap::new(),
+            buffer: vec![],
             pause: 64,
             pauses: 0,
             interrupts: false,
@@ -263,15 +266,16 @@ impl Host {
             write_register: Some(write_register),
             read_memory: Some(read_memory),
             write_memory: Some(write_memory),
-            barrier: None,
+            barrier: Some(barrier),
             clean: Some(clean),
             discard: Some(discard),
             pause: Some(pause),
         }
     }
 
-    /// Memory as the chip sees it; fails if an access has failed.
-    pub fn memory(&self) -> Memory {
+    /// Memory as the chip sees it after all; fails if an access has failed.
+    pub fn memory(&mut self) -> Memory {
+        self.drain();
         assert_eq!(self.failure, None);
         match &self.behind {
             Behind::Chip(chip) => chip.memory(),
@@ -325,7 +329,15 @@ impl Host {
         })
     }
 
+    /// Empties the buffer into memory.
+    fn drain(&mut self) {
+        for (address, word) in std::mem::take(&mut self.buffer) {
+            self.store(address, word);
+        }
+    }
+
     fn load(&mut self, address: u32) -> u32 {
+        self.drain();
         let word = match &self.behind {
             Behind::Chip(chip) => chip.read_memory(address),
             Behind::Table(_, memory) => {
@@ -398,9 +410,13 @@ extern "C" fn clean(context: *mut c_void, address: u32, bytes: u32) {
     let host = Host::of(context);
     for place in host.cached(address, bytes) {
         if let Some((word, true)) = host.cache.insert(place, (host.cache[&place].0, false)) {
-            host.store(place, word);
+            host.buffer.push((place, word));
         }
     }
+}
+
+extern "C" fn barrier(context: *mut c_void) {
+    Host::of(context).drain();
 }
 
 extern "C" fn discard(context: *mut c_void, address: u32, bytes: u32) {
