@@ -398,27 +398,30 @@ fn empty_list() -> List {
     }
 }
 
-/// A number that is often right for an address or a count, and often at a limit.
-fn some_number(rng: &mut fastrand::Rng, limits: &Limits) -> u32 {
-    let special = [
-        0,
-        1,
-        4,
-        8,
-        limits.rays,
-        limits.joints,
-        limits.greatest_index,
-        1 << 20,
-        u32::MAX,
-    ];
-    let number = match rng.u8(..8) {
-        0 => rng.u32(..),
-        1 => 4 * rng.u32(..1 << 30),
-        2 | 3 => rng.u32(..=limits.joints),
-        4 | 5 => 64 * rng.u32(..1 << 26),
-        _ => special[rng.usize(..special.len())],
+/// An address: mostly a multiple of 64, and seldom a multiple of less.
+fn some_address(rng: &mut fastrand::Rng) -> u32 {
+    let step = match rng.u8(..24) {
+        step @ 0..=5 => 1 << step,
+        _ => 64,
     };
-    number.wrapping_add(u32::from(rng.u8(..16) == 0))
+    step * rng.u32(..=u32::MAX / step)
+}
+
+/// A count or an index: mostly in the range of all of them, else at a limit or anywhere.
+fn some_number(rng: &mut fastrand::Rng, limits: &Limits) -> u32 {
+    let Limits {
+        rays,
+        joints,
+        greatest_index,
+        ..
+    } = *limits;
+    let at_limits = [0, rays, joints, greatest_index];
+    match rng.u8(..32) {
+        0 => rng.u32(..),
+        1 => at_limits[rng.usize(..4)],
+        2 => at_limits[rng.usize(..4)].wrapping_add(1),
+        _ => rng.u32(1..=joints),
+    }
 }
 
 /// A random command with a descriptor, right or wrong.
@@ -427,50 +430,52 @@ fn some_command(rng: &mut fastrand::Rng, limits: &Limits) -> Command {
     let any = |rng: &mut fastrand::Rng| some_number(rng, limits);
     match kind {
         0 => Command::Fence,
-        1 => Command::Jump { to: any(rng) },
+        1 => Command::Jump {
+            to: some_address(rng),
+        },
         2 => Command::Signal {
-            address: any(rng),
+            address: some_address(rng),
             value: rng.u32(..),
             interrupt: rng.bool(),
         },
         3 => Command::Wait {
-            address: any(rng),
+            address: some_address(rng),
             value: rng.u32(..),
         },
         4 => Command::Scene(Scene {
             root: rng.u32(..),
-            nodes: any(rng),
-            records: any(rng),
-            vertices: any(rng),
-            bounds: any(rng),
+            nodes: some_address(rng),
+            records: some_address(rng),
+            vertices: some_address(rng),
+            bounds: some_address(rng),
         }),
         5 => Command::Cast(CastWords {
-            rays: any(rng),
+            rays: some_address(rng),
             count: any(rng),
-            hits: any(rng),
+            hits: some_address(rng),
             any_hit: rng.bool(),
             short: rng
                 .bool()
                 .then(|| ([0; 3].map(|_| rng.f32() - 0.5), rng.f32())),
         }),
         6 => Command::Skin(Skin {
-            vertices: any(rng),
+            vertices: some_address(rng),
             palette: any(rng),
             joints: any(rng),
-            influences: any(rng),
+            influences: some_address(rng),
             rows: any(rng),
             rest: any(rng),
             count: any(rng),
             target: any(rng),
         }),
         _ => Command::Update(Update {
-            program: any(rng),
+            program: some_address(rng),
             rows: any(rng),
-            vertices: any(rng),
+            vertices: some_address(rng),
             first_vertex: any(rng),
-            nodes: any(rng),
+            nodes: some_address(rng),
             first_node: any(rng),
-            bounds: any(rng),
+            bounds: some_address(rng),
         }),
     }
 }
@@ -551,7 +556,7 @@ fn descriptors_are_those_of_the_table() {
         let mut accepted: HashMap<u32, u32> = HashMap::new();
         let mut refused: HashMap<(u32, u32), u32> = HashMap::new();
         let mut commands = 0;
-        while commands < 20_000 || accepted.len() + refused.len() < 7 + 6 {
+        while commands < 20_000 || accepted.len() + refused.len() < 8 + 10 {
             assert!(commands < 1_000_000, "{accepted:?}, {refused:?}");
             commands += 1;
             let command = some_command(&mut rng, &limits);
