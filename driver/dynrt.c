@@ -649,7 +649,7 @@ enum dynrt_result dynrt_look_at(struct dynrt_camera *camera, const float eye[3],
         camera->forward[k] = target[k] - eye[k];
         upwards[k] = up[k];
     }
-    if (!(tangent > 0.0f) || !is_finite(dot(eye, eye)) || !set_length(camera->forward, 1.0f) || !set_length(upwards, 1.0f)) {
+    if (!(tangent > 0.0f) || !set_length(camera->forward, 1.0f) || !set_length(upwards, 1.0f)) {
         return DYNRT_OUT_OF_RANGE;
     }
     cross(camera->right, camera->forward, upwards);

@@ -287,7 +287,8 @@ struct dynrt_camera {
 };
 
 /* A camera at `eye` that looks at `target`, with the top of the picture towards `up`; `tangent` > 0 is that of half the vertical field of
- * view. DYNRT_OUT_OF_RANGE if the target is the eye, `up` points along the view, or a number is not finite or too large to be squared. */
+ * view. DYNRT_OUT_OF_RANGE if the target is the eye, `up` points along the view, or a number is not finite, or so large that
+ * the square of a length is not. */
 enum dynrt_result dynrt_look_at(struct dynrt_camera *camera, const float eye[3], const float target[3],
         const float up[3], float tangent);
 

@@ -2,7 +2,7 @@
 
 use crate::support::driver::{FREESTANDING, STRICT, compile, source, write_header};
 use dynrt::chip::memory::Memory;
-use dynrt::chip::registers::COUNTERS;
+use dynrt::chip::registers::{self, COUNTERS};
 use dynrt::config::Config;
 use dynrt::cosim::chip::Chip;
 use libloading::Library;
@@ -384,8 +384,11 @@ extern "C" fn write_register(context: *mut c_void, offset: u32, value: u32) {
     let host = Host::of(context);
     let result = match &mut host.behind {
         Behind::Chip(chip) => chip.write(offset, value),
+        // Writing 1 clears an event, as in the chip.
         Behind::Table(registers, _) => {
-            registers.insert(offset, value);
+            let old = registers.get(&offset).copied().unwrap_or_default();
+            let is_events = offset == registers::offset::INTERRUPT_STATUS;
+            registers.insert(offset, if is_events { old & !value } else { value });
             Ok(())
         }
     };
