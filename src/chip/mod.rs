@@ -1,7 +1,8 @@
 //! What a host and the chip share: registers, descriptors of commands, rays and hits in bytes. `docs/chip.md` is the normative page; the
-//! tables here are the one definition from which the RTL, the golden chip and `docs/registers.md` derive.
+//! tables here are the one definition from which the RTL, the golden chip, `docs/registers.md` and the files for software derive.
 
 pub mod descriptor;
+pub mod export;
 pub mod image;
 pub mod memory;
 pub mod ray;
@@ -46,7 +47,8 @@ pub fn page(config: &Config) -> String {
     let mut page = String::from(
         "# Registers and descriptors\n\n\
          This page is generated from `src/chip/registers.rs` and `src/chip/descriptor.rs` for the reference machine; a test keeps it current.\n\
-         [`chip.md`](chip.md) defines what the registers and commands do.\n\n\
+         [`chip.md`](chip.md) defines what the registers and commands do.\n\
+         `dynrt generate --top chip` writes the same as a C header and in SystemRDL, for any machine: [`integrating.md`](integrating.md#driver).\n\n\
          ## Registers\n\n\
          Offsets are in bytes from the base of the AXI4-Lite window.\n\n",
     );

@@ -49,11 +49,11 @@ impl Kind {
 }
 
 /// Extensions of known file types. An output of another type must not have such a name.
-const KNOWN_EXTENSIONS: [&str; 45] = [
+const KNOWN_EXTENSIONS: [&str; 47] = [
     "3ds", "bin", "blend", "bmp", "core", "csv", "dae", "exr", "f", "fbx", "fst", "gif", "glb",
-    "gltf", "hdr", "hex", "html", "jpeg", "jpg", "json", "lpf", "mtl", "obj", "pdf", "ply", "png",
-    "ppm", "rs", "stl", "sv", "svg", "svh", "tga", "tif", "tiff", "toml", "ucf", "usd", "v", "vcd",
-    "vh", "webp", "yaml", "yml", "zip",
+    "gltf", "h", "hdr", "hex", "html", "jpeg", "jpg", "json", "lpf", "mtl", "obj", "pdf", "ply",
+    "png", "ppm", "rdl", "rs", "stl", "sv", "svg", "svh", "tga", "tif", "tiff", "toml", "ucf",
+    "usd", "v", "vcd", "vh", "webp", "yaml", "yml", "zip",
 ];
 
 /// The name of the standard output. A file of that name is `./-`.

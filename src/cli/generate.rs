@@ -16,6 +16,8 @@ Writes into DIR
   dynrt_core.core  the same for FuseSoC (2.4 or later), with targets lint, sim, sim_verilator and synth
   sim/             a test bench of the ray casting unit and a small set of golden vectors, for the sim targets
   formal/          with --formal: for each proof by induction, the module with its properties and a task for SymbiYosys
+  dynrt_regs.h     with --top chip: registers, descriptors, record sizes and limits of the machine for C programs
+  dynrt.rdl        with --top chip: the registers in SystemRDL 2.0
   manifest.json    configuration, trace ports, top module, modules with ports and latencies, layouts of the records in memory
 
 With --trace-ports the ray casting unit has trace ports (trace_*), which show every traversal step, triangle test and ray

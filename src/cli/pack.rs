@@ -4,9 +4,11 @@ use super::files::{Kind, Output};
 use super::frame::{Built, PictureArgs, active};
 use super::{counted, print};
 use anyhow::{Result, ensure};
+use dynrt::chip::export;
 use dynrt::chip::image::{Builder, Still, still};
 use dynrt::emit::{self, HITS};
 use dynrt::golden::chip::Chip;
+use dynrt::hw::core::PREFIX;
 use dynrt::scene::sort_along_morton_curve;
 use dynrt::vectors::sha256_of_bytes;
 use serde_json::json;
@@ -17,9 +19,12 @@ Writes into DIR
   image.bin        the bytes of memory from the load address on: arrays of the scene, rays, room for hits, the command list
   image.hex        the same for $readmemh, 16 bytes per line, the highest byte first
   hits/0000.bin    the bytes of the hits after the list, by the golden chip
-  manifest.json    load address, parts, address of the command list, and results with their checksums
+  dynrt_regs.h     registers, descriptors, record sizes and limits of the machine for C programs
+  manifest.json    load address, parts, address of the command list, and results with their checksums;
+                   a coordinate in memory is one of the scene times 2^log2_scale
 
 The host copies image.bin to the load address, writes the address of the command list to LIST, and rings DOORBELL; see docs/chip.md.
+The driver in driver/ does this; see docs/integrating.md.
 
 Examples:
   dynrt pack builtin:cornell --size 64x48 --out build/cornell
@@ -86,11 +91,14 @@ pub fn run(args: &Args) -> Result<()> {
         hex.push('\n');
     }
     let name = format!("{HITS}/0000.bin");
+    let [header, _] = export::names(PREFIX);
+    let origin = format!("{}. Do not edit.", emit::origin(config));
     let manifest = json!({
         "generator": format!("dynrt {}", env!("CARGO_PKG_VERSION")),
-        "files": ["image.bin", "image.hex", name],
+        "files": ["image.bin", "image.hex", name, header],
         "scene": loaded.scene.name,
         "triangles": loaded.mesh.triangles.len(),
+        "log2_scale": loaded.mesh.log2_scale,
         "config": config.name,
         "overrides": picture.config.overrides(config),
         "view": loaded.view,
@@ -142,6 +150,7 @@ pub fn run(args: &Args) -> Result<()> {
         ("image.bin".to_string(), bytes),
         ("image.hex".to_string(), hex.into_bytes()),
         (name, result),
+        (header, export::header(config, &origin).into_bytes()),
         ("manifest.json".to_string(), manifest.into_bytes()),
     ];
     emit::write_folder(args.out.path(), &files)?;

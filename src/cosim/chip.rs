@@ -1,6 +1,8 @@
 //! The whole chip between its two buses: a host writes registers, memory answers bursts, and at the end every byte of memory is held
 //! against the golden chip.
 
+mod host;
+
 use super::axi::{Accepted, Bytes, Decision, Edge, Handles, Pace, RandomPace, Slave, View};
 use super::dram::DramPace;
 use super::mismatch::{Field, Mismatch};

@@ -4,6 +4,7 @@ mod animate;
 mod bus;
 mod cache;
 mod chip;
+mod driver;
 mod fp_units;
 mod frames;
 mod lending;

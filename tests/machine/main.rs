@@ -1,5 +1,6 @@
 //! Generated files: machines, golden vectors, machines of other configurations.
 
+mod host;
 mod machines;
 mod rtl_current;
 #[path = "../support/mod.rs"]

@@ -4,6 +4,7 @@
 #![allow(dead_code, unused_imports)]
 
 pub mod command;
+pub mod driver;
 pub mod say;
 mod shared;
 pub mod small;
