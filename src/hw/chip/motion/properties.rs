@@ -220,11 +220,14 @@ impl<'b> Unit<'_, 'b> {
                 & (self.writer.loads & !taken).implies(!second)
                 & takes[0].implies(!second | m.lit(u8::from(self.is_wide()[0]), 1)),
         );
+        let offers = [units.skinned.valid, units.node.valid, units.bounds_valid];
+        let wide = offers.into_iter().zip(self.is_wide());
+        let wide: Vec<_> = wide
+            .map(|(valid, is_wide)| valid & m.lit(u8::from(is_wide), 1))
+            .collect();
         proof.assert(
-            "the second word is awaited only while its record is offered",
-            second.implies(
-                known.runs & (units.skinned.valid | units.node.valid | units.bounds_valid),
-            ),
+            "the second word is awaited only while a record of two words is offered",
+            second.implies(known.runs & m.or_all(&wide)),
         );
         let loads = proof.past(self.writer.loads & !m.reset());
         proof.assert(
