@@ -7,6 +7,7 @@ mod configuration;
 mod constraints;
 mod cosim;
 mod files;
+mod film;
 mod frame;
 mod fuzz;
 mod generate;

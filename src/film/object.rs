@@ -132,6 +132,27 @@ fn posed(
     Ok(vertices)
 }
 
+impl Film<'_> {
+    /// The vertices of an object in a frame, in the order of the mesh, by the golden model.
+    ///
+    /// # Errors
+    /// One line if a vertex that a triangle uses is not a number.
+    pub fn vertices(&self, object: usize, frame: usize) -> Result<Vec<[f64; 3]>> {
+        let frames = self.frames[..=frame].iter().rev();
+        let mut written = frames.filter_map(|frame| frame.objects[object].written.as_ref());
+        let rest = written
+            .next()
+            .unwrap_or(&self.scene.objects[object].rest)
+            .clone();
+        posed(
+            self.scene,
+            object,
+            &mut { rest },
+            &self.frames[frame].objects[object],
+        )
+    }
+}
+
 /// How the tree of one of a film's objects is built: it leaves a part of the stack to the top-level tree.
 pub fn object_options(config: &Config, film: Film<'_>, number: usize) -> BuildOptions {
     let count = film.scene.objects[number].triangles.len();
