@@ -62,7 +62,7 @@ pub struct Args {
     /// Write the results as JSON
     #[arg(long, value_name = "F", value_parser = Kind::Json)]
     json: Option<Output>,
-    /// Write where packets, bursts and units of one frame spend their time, in the Chrome trace format (for Perfetto)
+    /// Write where the packets, bursts and units of one frame spend their time, as Chrome trace (for Perfetto)
     #[arg(long, value_name = "F.json", value_parser = Kind::Json)]
     trace_events: Option<Output>,
     #[command(flatten)]

@@ -112,7 +112,7 @@ impl Shown {
     }
 
     /// The image of a frame, with trees that are built for it; `None` if nothing is there. With it the present instances.
-    fn from_scratch(&self, frame: usize) -> (Option<MemoryImage>, Vec<usize>, Vec<InstanceSpec>) {
+    fn built_for(&self, frame: usize) -> (Option<MemoryImage>, Vec<usize>, Vec<InstanceSpec>) {
         let (format, config) = (self.machine.format, &self.config);
         let depth = match self.film().is_one_level() {
             true => config.stack_depth,
@@ -268,7 +268,7 @@ fn compare(
         memory,
         scene: scene.expect("a scene"),
     };
-    let (image, there, specs) = shown.from_scratch(frame);
+    let (image, there, specs) = shown.built_for(frame);
     let hits = hits_of_all(shown, packed, memory);
     let rays = shown.film().rays();
     to.rays += rays.len() as u64;
