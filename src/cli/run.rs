@@ -40,7 +40,7 @@ Examples:
   dynrt run builtin:interior --view inside --rays diffuse --json run.json
   dynrt run builtin:interior --view inside --memory ideal --set cache.nodes_kib=4";
 
-/// Run the whole chip: command lists move, update and cast scenes in memory, compared with the golden chip
+/// Run the whole chip: command lists move and cast scenes in memory, compared with the golden chip
 #[derive(clap::Args)]
 #[command(after_help = HELP)]
 pub struct Args {

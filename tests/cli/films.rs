@@ -83,7 +83,7 @@ fn animations_that_cannot_be_packed_or_run_are_refused_in_one_line() {
     for (arguments, wanted) in [
         (
             format!("pack {water} --memory-size 1000 --out a"),
-            "scene water: vertices does not fit: the image needs at least ",
+            "scene water: triangle records does not fit: the image needs at least ",
         ),
         (
             format!("pack {water} --rays shadow --out a"),

@@ -4,6 +4,7 @@ mod animate;
 mod bus;
 mod cache;
 mod chip;
+mod film;
 mod fp_units;
 mod frames;
 mod lending;

@@ -784,10 +784,9 @@ fn a_top_level_tree_is_refitted_from_the_corners_of_its_instances() {
         // Six vectors for each instance; the last two are its corners.
         let mut vectors = random_vertices(&mut random, 6 * count, format);
         for instance in vectors.chunks_mut(6) {
-            for axis in 0..3 {
-                let [a, b] = [instance[4][axis], instance[5][axis]];
-                (instance[4][axis], instance[5][axis]) = (a.min(b), a.max(b));
-            }
+            let [a, b] = [instance[4], instance[5]];
+            instance[4] = std::array::from_fn(|axis| a[axis].min(b[axis]));
+            instance[5] = std::array::from_fn(|axis| a[axis].max(b[axis]));
         }
         let corners: Vec<[u32; 2]> = (0..count as u32).map(|k| [6 * k + 4, 6 * k + 5]).collect();
         let machine = random_machine(&mut random);
