@@ -164,7 +164,7 @@ pub struct ObjectPlace {
 }
 
 /// The position of a top-level tree that was kept.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TopPlace {
     /// Index of its first node and record.
     pub base: u32,

@@ -238,13 +238,13 @@ impl Image<'_> {
         );
         for part in &self.parts {
             let bytes = counted(part.bytes, "byte");
-            let _ = writeln!(text, "  {:#010x} {bytes:>12}  {}", part.address, part.name);
+            let _ = writeln!(text, "  {:#010x} {bytes:>16}  {}", part.address, part.name);
             let of_vertices = (self.vertex_bytes.iter())
                 .filter(|(_, bytes)| part.name == "vertices" && *bytes > 0);
             for (what, bytes) in of_vertices {
                 let _ = writeln!(
                     text,
-                    "  {:10} {:>12}    {what}",
+                    "  {:10} {:>16}    {what}",
                     "",
                     counted(*bytes, "byte")
                 );

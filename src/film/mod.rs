@@ -4,7 +4,7 @@
 //! scene ─→ frames (poses in machine numbers) ─→ objects with trees and update programs ─→ memory of the machine
 //! ```
 //!
-//! [`Film`] and [`Object`] are what every way to run a film has in common. [`pack`] puts a film into one memory, with a command list for
+//! [`Film`] and [`Object`] are what every way to run a film has in common. [`pack()`] puts a film into one memory, with a command list for
 //! each frame, so that the chip runs it without a host.
 
 mod object;

@@ -1,4 +1,4 @@
-//! What a film needs in memory, by index: arrays, programs, and the steps of each frame. [`super::pack`] gives them addresses.
+//! What a film needs in memory, by index: arrays, programs, and the steps of each frame. [`super::pack()`] gives them addresses.
 
 use super::{Film, Object, TreeReport, object_options, update_machine};
 use crate::bkd::bytes::{BASE_ALIGNMENT, ByteRecord};

@@ -3,7 +3,7 @@
 
 use super::plan::{BoxAt, FramePlan, Planner, Stage, UpdateStep};
 use crate::bkd::stats::TreeStatistics;
-use crate::bkd::{Bounds, BuildOptions, InstanceRecord, InstanceSpec, Tree};
+use crate::bkd::{Bounds, BuildOptions, InstanceRecord, InstanceSpec, TopPlace, Tree};
 use crate::chip::descriptor::Update;
 use crate::program::Program;
 use anyhow::{Context, Result};
@@ -133,115 +133,148 @@ impl Planner<'_> {
         frames: &mut [FramePlan],
     ) -> Result<()> {
         let instances = &self.film.scene.instances;
-        // By instance of the tree: the object whose update writes the box.
         let by_update: Vec<Option<usize>> = (top.there.iter())
             .map(|&number| {
                 let object = instances[number];
                 (directs[object].is_some() && self.moves(object)).then_some(object)
             })
             .collect();
-        let changes = |frame: usize, before: usize, number: usize| {
-            by_update[number].is_none()
-                && vectors(&top.specs[frame][number]) != vectors(&top.specs[before][number])
+        let mut placed = Placed {
+            top,
+            by_update,
+            changing: vec![],
+            update: None,
+            place: TopPlace::default(),
+            bounds: self.boxes.len() as u32,
         };
-        let changing: Vec<bool> = (0..top.there.len())
-            .map(|number| (1..top.specs.len()).any(|frame| changes(frame, frame - 1, number)))
+        let numbers = 0..top.there.len();
+        placed.changing = (numbers.clone())
+            .map(|number| (1..top.specs.len()).any(|frame| placed.changes(frame, number)))
             .collect();
-        let lives = changing.iter().any(|c| *c) || by_update.iter().any(Option::is_some);
+        let lives = placed.changing.contains(&true) || placed.by_update.iter().any(Option::is_some);
 
-        let count = VECTORS * top.there.len() as u32;
-        let corners: Vec<[u32; 2]> = (0..count)
-            .step_by(VECTORS as usize)
-            .map(|k| [k + 4, k + 5])
-            .collect();
         // A box is two vertex records from an even index on.
         if self.image.instance_vectors(0) % 2 == 1 {
             self.image.add_vectors(&[[0.0; 3]])?;
         }
-        let (update, place) = match lives {
-            false => {
-                self.image.set_top_tree(&top.specs[0], &top.tree)?;
-                (None, self.image.keep_top())
-            }
-            true => {
-                let program = Program::compile_top(&top.tree, &corners, count, self.machine);
-                let program = program.context("the top-level tree")?;
-                let order = &program.node_order;
-                (self.image).set_top_in_order(&top.specs[0], &top.tree, order)?;
-                let place = self.image.keep_top();
-                let [program, rows] = self.add_program(&program);
-                let update = Update {
-                    program,
-                    rows,
-                    first_vertex: place.vectors,
-                    first_node: place.base,
-                    ..Update::default()
-                };
-                self.blank_nodes
-                    .push(place.base..place.base + top.there.len() as u32);
-                (Some(update), place)
-            }
-        };
-        let bounds = self.boxes.len() as u32;
+        if lives {
+            let count = VECTORS * top.there.len() as u32;
+            let corners = (0..count).step_by(VECTORS as usize);
+            let corners: Vec<[u32; 2]> = corners.map(|k| [k + 4, k + 5]).collect();
+            let program = Program::compile_top(&top.tree, &corners, count, self.machine);
+            let program = program.context("the top-level tree")?;
+            let order = &program.node_order;
+            (self.image).set_top_in_order(&top.specs[0], &top.tree, order)?;
+            placed.place = self.image.keep_top();
+            let TopPlace { base, vectors, .. } = placed.place;
+            let [program, rows] = self.add_program(&program);
+            placed.update = Some(Update {
+                program,
+                rows,
+                first_vertex: vectors,
+                first_node: base,
+                ..Update::default()
+            });
+            self.blank_nodes.push(base..base + top.there.len() as u32);
+        } else {
+            self.image.set_top_tree(&top.specs[0], &top.tree)?;
+            placed.place = self.image.keep_top();
+        }
         let boxes = |number: u32| top.specs[0][number as usize].world_box;
         let stored = top.tree.refit_leaves(boxes).root;
         self.boxes.push((!lives).then_some(stored));
-        let vectors_of = |number: usize| place.vectors + VECTORS * number as u32;
-        for number in 0..top.there.len() {
-            let first = vectors_of(number);
-            if changing[number] {
+        for number in numbers {
+            let first = placed.vectors_of(number);
+            if placed.changing[number] {
                 self.blank_vertices.push(first..first + VECTORS);
-            } else if by_update[number].is_some() {
+            } else if placed.by_update[number].is_some() {
                 self.blank_vertices.push(first + 4..first + VECTORS);
             }
         }
         for (at, (stage, plan)) in std::iter::zip(stages, frames).enumerate() {
-            plan.there = top.there.clone();
-            (plan.root, plan.bounds, plan.new_top) = (place.root, bounds, at == 0);
-            // The first frame writes all that ever changes, whatever was there before.
-            let changed: Vec<bool> = match at {
-                0 => changing.clone(),
-                _ => (0..top.there.len())
-                    .map(|number| changes(at, at - 1, number))
-                    .collect(),
-            };
-            let is_bridge = |number: usize| by_update[number].is_none();
-            for run in runs(&changed, is_bridge) {
-                let moved: Vec<[f64; 3]> = top.specs[at][run.clone()]
-                    .iter()
-                    .flat_map(vectors)
-                    .collect();
-                let rest = self.image.add_vectors(&moved)?;
-                self.vectors.instances += moved.len() as u64;
-                let target = vectors_of(run.start);
-                plan.skins
-                    .push(self.copy(rest, moved.len() as u32, target)?);
-            }
-            let mut updated = stage.moved.clone();
-            let mut writes_boxes = false;
-            for &object in by_update.iter().flatten() {
-                let moves = updated.contains(&object);
-                if at == 0 && !moves {
-                    updated.push(object);
-                    plan.triangles += self.film.scene.objects[object].triangles.len() as u64;
-                }
-                writes_boxes |= at == 0 || moves;
-            }
-            let update_of = |&object: &usize| UpdateStep {
-                command: stage.updates[object],
-                bounds: match by_update.iter().position(|by| *by == Some(object)) {
-                    Some(number) => BoxAt::Corners(vectors_of(number) + 4),
-                    None => self.box_of(object),
-                },
-            };
-            plan.updates = updated.iter().map(update_of).collect();
-            let refits = at == 0 || writes_boxes || changed.contains(&true);
-            plan.top = update.filter(|_| refits).map(|command| UpdateStep {
-                command,
-                bounds: BoxAt::Box(bounds),
-            });
+            self.frame_of_top(&placed, at, stage, plan)?;
         }
         Ok(())
+    }
+
+    /// Plans frame number `at` of those that a tree serves.
+    fn frame_of_top(
+        &mut self,
+        placed: &Placed,
+        at: usize,
+        stage: &Stage,
+        plan: &mut FramePlan,
+    ) -> Result<()> {
+        let Placed { top, by_update, .. } = placed;
+        plan.there.clone_from(&top.there);
+        (plan.root, plan.bounds, plan.new_top) = (placed.place.root, placed.bounds, at == 0);
+        // The first frame writes all that ever changes, whatever was there before.
+        let changed: Vec<bool> = match at {
+            0 => placed.changing.clone(),
+            _ => (0..top.there.len())
+                .map(|number| placed.changes(at, number))
+                .collect(),
+        };
+        for run in runs(&changed, |number| by_update[number].is_none()) {
+            let target = placed.vectors_of(run.start);
+            let moved: Vec<[f64; 3]> = top.specs[at][run].iter().flat_map(vectors).collect();
+            let rest = self.image.add_vectors(&moved)?;
+            self.vectors.instances += moved.len() as u64;
+            let step = self.copy(rest, moved.len() as u32, target)?;
+            plan.skins.push(step);
+        }
+        let mut updated = stage.moved.clone();
+        let mut writes_boxes = false;
+        for &object in by_update.iter().flatten() {
+            let moves = updated.contains(&object);
+            if at == 0 && !moves {
+                updated.push(object);
+                plan.triangles += self.film.scene.objects[object].triangles.len() as u64;
+            }
+            writes_boxes |= at == 0 || moves;
+        }
+        let update_of = |&object: &usize| UpdateStep {
+            command: stage.updates[object],
+            bounds: match by_update.iter().position(|by| *by == Some(object)) {
+                Some(number) => BoxAt::Corners(placed.vectors_of(number) + 4),
+                None => self.box_of(object),
+            },
+        };
+        plan.updates = updated.iter().map(update_of).collect();
+        let refits = at == 0 || writes_boxes || changed.contains(&true);
+        let update = placed.update.filter(|_| refits);
+        plan.top = update.map(|command| UpdateStep {
+            command,
+            bounds: BoxAt::Box(placed.bounds),
+        });
+        Ok(())
+    }
+}
+
+/// A tree in memory.
+struct Placed<'a> {
+    top: &'a Top,
+    /// For each instance: the object whose update writes the box.
+    by_update: Vec<Option<usize>>,
+    /// For each instance: whether its vectors differ between frames of the tree.
+    changing: Vec<bool>,
+    /// Its update, if anything below it changes.
+    update: Option<Update>,
+    place: TopPlace,
+    /// The number of its box.
+    bounds: u32,
+}
+
+impl Placed<'_> {
+    /// Whether the vectors of an instance differ from those in the frame before. Those whose box an update writes do not.
+    fn changes(&self, frame: usize, number: usize) -> bool {
+        let of = |frame: usize| vectors(&self.top.specs[frame][number]);
+        self.by_update[number].is_none() && of(frame) != of(frame - 1)
+    }
+
+    /// The index of the first vector of an instance.
+    fn vectors_of(&self, number: usize) -> u32 {
+        self.place.vectors + VECTORS * number as u32
     }
 }
 
