@@ -243,6 +243,41 @@ impl Found<'_> {
     }
 }
 
+/// The scene of a list. Between commands that write and those that may read it there must be a fence, which the golden chip does not need:
+/// `skin`, `update` of objects, `update` of the top-level tree, `scene` are each behind one.
+fn scene_behind_fences(commands: &[Command]) -> Scene {
+    let stages: Vec<&[Command]> = commands
+        .split(|command| matches!(command, Command::Fence))
+        .collect();
+    let (last, before) = stages.split_last().unwrap();
+    let [Command::Scene(scene), casts @ .., Command::End] = last else {
+        panic!("{last:?}");
+    };
+    assert!(!casts.is_empty() && casts.iter().all(|c| matches!(c, Command::Cast(_))));
+    let is_skin = |command: &Command| matches!(command, Command::Skin(_));
+    let skins = before
+        .iter()
+        .filter(|stage| stage.iter().any(is_skin))
+        .count();
+    assert!(skins <= 1 && before.len() <= skins + 2, "{commands:?}");
+    for (place, stage) in before.iter().enumerate() {
+        assert!(!stage.is_empty());
+        let kind = is_skin(&stage[0]);
+        assert!(stage.iter().all(|command| is_skin(command) == kind));
+        assert_eq!(kind, place == 0 && skins == 1, "{commands:?}");
+        for command in stage.iter() {
+            match command {
+                Command::Update(update) if update.bounds == scene.bounds => {
+                    assert_eq!((stage.len(), place + 1), (1, before.len()));
+                }
+                Command::Skin(_) | Command::Update(_) => {}
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+    *scene
+}
+
 /// Compares memory after the list of a frame with everything computed from scratch.
 fn compare(
     shown: &Shown,
@@ -259,14 +294,10 @@ fn compare(
         to.skins += u64::from(matches!(command, Command::Skin(_)));
         to.updates += u64::from(matches!(command, Command::Update(_)));
     }
-    let scene = commands.iter().find_map(|command| match command {
-        Command::Scene(scene) => Some(*scene),
-        _ => None,
-    });
     let found = Found {
         format,
         memory,
-        scene: scene.expect("a scene"),
+        scene: scene_behind_fences(commands),
     };
     let (image, there, specs) = shown.built_for(frame);
     let hits = hits_of_all(shown, packed, memory);
