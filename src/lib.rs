@@ -1,7 +1,7 @@
 //! DynRT: a hardware ray tracer for dynamic scenes.
 //!
 //! Data flows one way: [`scene`] → [`bkd`] tree and memory image → machine ([`golden`] or the Verilog
-//! that [`hw`] describes with [`hdl`]) → results → [`report`]. [`cosim`] joins golden model and RTL.
+//! that [`hw`] describes with [`hdl`]) → results → [`report`]. [`film`] does so for animated scenes, frame by frame. [`cosim`] joins golden model and RTL.
 
 pub use dynrt_hdl::{self as hdl, bundle, interface, named};
 pub use dynrt_verilated::{cache, child, interrupt, seed, temporary, text, tools};
@@ -13,6 +13,7 @@ pub mod compare;
 pub mod config;
 pub mod cosim;
 pub mod emit;
+pub mod film;
 pub mod float;
 pub mod fuzz;
 pub mod golden;

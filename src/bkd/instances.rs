@@ -163,6 +163,17 @@ pub struct ObjectPlace {
     pub depth: u32,
 }
 
+/// The position of a top-level tree that was kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TopPlace {
+    /// Index of its first node and record.
+    pub base: u32,
+    /// Index of the first vector of its first instance.
+    pub vectors: u32,
+    /// Its root.
+    pub root: LinkWord,
+}
+
 /// A memory image of two levels in two parts. Objects and additional vectors are added once; the top-level tree over
 /// the instances is replaced whenever an instance moves.
 ///
@@ -281,6 +292,15 @@ impl InstancedImage {
     /// One line if there is no instance, if an instance is invalid or names a missing object, if the stack is too small for
     /// both levels, or if the arrays become too large. The image then does not change.
     pub fn set_top(&mut self, instances: &[InstanceSpec], options: &BuildOptions) -> Result<()> {
+        let tree = self.top_tree(instances, options)?;
+        self.put_top(instances, &tree, &layout::default_order(&tree))
+    }
+
+    /// Builds the tree that [`InstancedImage::set_top`] sets.
+    ///
+    /// # Errors
+    /// As [`InstancedImage::set_top`], except for the size of the arrays.
+    pub fn top_tree(&self, instances: &[InstanceSpec], options: &BuildOptions) -> Result<Tree> {
         self.check_instances(instances)?;
         let objects = instances.iter().map(|instance| instance.object);
         let deepest = objects.map(|object| self.objects[object].depth).max();
@@ -298,7 +318,7 @@ impl InstancedImage {
             max_depth: options.max_depth - deepest,
             ..*options
         };
-        self.put_top(instances, &build_over_boxes(&boxes, &options)?)
+        build_over_boxes(&boxes, &options)
     }
 
     /// Removes the top-level tree, because there is no tree over zero instances.
@@ -314,13 +334,48 @@ impl InstancedImage {
     /// # Panics
     /// If `tree` is not a tree over these instances.
     pub fn set_top_tree(&mut self, instances: &[InstanceSpec], tree: &Tree) -> Result<()> {
+        self.set_top_in_order(instances, tree, &layout::default_order(tree))
+    }
+
+    /// As [`InstancedImage::set_top_tree`], with the nodes in the order in which an update program writes them.
+    ///
+    /// # Errors
+    /// As [`InstancedImage::set_top_tree`].
+    ///
+    /// # Panics
+    /// If `tree` is not a tree over these instances, or if `order` is not one of its nodes as [`layout::place`] requires.
+    pub fn set_top_in_order(
+        &mut self,
+        instances: &[InstanceSpec],
+        tree: &Tree,
+        order: &[u32],
+    ) -> Result<()> {
         self.check_instances(instances)?;
         assert_eq!(
             tree.triangle_count(),
             instances.len(),
             "a leaf for each instance"
         );
-        self.put_top(instances, tree)
+        self.put_top(instances, tree, order)
+    }
+
+    /// Keeps the top-level tree where it is: what is added from now on lies behind it, another top-level tree as well. The image is
+    /// without a top level again, and [`MemoryImage::check`] does not know trees that were kept.
+    ///
+    /// # Panics
+    /// If no top level is set.
+    pub fn keep_top(&mut self) -> TopPlace {
+        assert!(self.image.is_instanced(), "a top level is set");
+        let kept = TopPlace {
+            base: self.top_base(),
+            vectors: self.instance_vectors(0),
+            root: self.image.root,
+        };
+        self.record_count = self.image.records.len();
+        self.vertex_count = self.image.vertices.len();
+        self.image.root = NO_TOP;
+        self.image.bounds = EMPTY_SCENE;
+        kept
     }
 
     /// The whole image. Until the top level is set it has no root, and [`MemoryImage::check`] rejects it.
@@ -358,7 +413,7 @@ impl InstancedImage {
         Ok(())
     }
 
-    fn put_top(&mut self, instances: &[InstanceSpec], tree: &Tree) -> Result<()> {
+    fn put_top(&mut self, instances: &[InstanceSpec], tree: &Tree, order: &[u32]) -> Result<()> {
         check_vertices(self.vertex_count + InstanceRecord::VECTORS * instances.len())?;
         let refit = tree.refit_leaves(|number| instances[number as usize].world_box);
         let record = |number: u32| {
@@ -368,8 +423,7 @@ impl InstancedImage {
                 number,
             })
         };
-        let order = layout::default_order(tree);
-        let placement = layout::place_records(tree, &refit, &order, self.top_base(), record)?;
+        let placement = layout::place_records(tree, &refit, order, self.top_base(), record)?;
         self.remove_top();
         self.image.nodes.extend(placement.nodes);
         self.image.records.extend(placement.records);

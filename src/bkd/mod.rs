@@ -13,7 +13,7 @@ pub mod stats;
 mod tree;
 
 pub use build::{BuildOptions, SortKeys, SplitCost, build, build_over_boxes};
-pub use instances::{InstanceSpec, InstancedImage, ObjectPlace, WIDENING};
+pub use instances::{InstanceSpec, InstancedImage, ObjectPlace, TopPlace, WIDENING};
 pub use layout::{
     Columns, Field, Influence, InstanceRecord, LINK_BITS, LinkWord, MemoryImage, Node, Placement,
     Record, Target, TriangleRecord,

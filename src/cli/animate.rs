@@ -1,17 +1,15 @@
 //! `dynrt animate`: co-simulation of an animated scene, every stage of every frame.
 
 use super::files::{Kind, Output};
-use super::frame::{CameraArgs, SIZE, active, check_size};
-use super::{ConfigArgs, counted, one_line, print, quoted, tell};
-use anyhow::{Context, Result, ensure};
-use dynrt::cosim::animate::{
-    self, Figures, Film, FrameReport, Options, REBUILD_ABOVE, Setup, TreeReport, Unit,
-};
+use super::film::{ClipArgs, RebuildArgs, Schedule, Scheduled};
+use super::frame::{CameraArgs, SIZE, check_size};
+use super::{ConfigArgs, counted, one_line, print, quoted};
+use anyhow::{Result, ensure};
+use dynrt::cosim::animate::{self, Figures, FrameReport, Options, Setup, TreeReport, Unit};
 use dynrt::cosim::mismatch::Mismatch;
 use dynrt::cosim::model::Trace;
 use dynrt::report::{self, FrameFolder, Staged};
-use dynrt::scene::animation::{MachineFrame, MachineScene};
-use dynrt::scene::{Animated, Frame, ImageSize, SceneSpec, load_animated};
+use dynrt::scene::{Animated, ImageSize, SceneSpec};
 use dynrt::text;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -40,15 +38,8 @@ pub struct Args {
     /// The scene: a glTF or OBJ file, a folder of OBJ files, or builtin:NAME
     #[arg(value_name = "SCENE")]
     scene: SceneSpec,
-    /// The clip to play [default: the first clip of the scene]
-    #[arg(long, value_name = "NAME")]
-    clip: Option<String>,
-    /// Number of frames [default: the length of the clip at --fps, else 12; 1 for a scene without clips]
-    #[arg(long, value_name = "N", allow_hyphen_values = true)]
-    frames: Option<String>,
-    /// Frames per second; a clip that ends is repeated [default: the frames divide the clip evenly]
-    #[arg(long, value_name = "F", allow_hyphen_values = true)]
-    fps: Option<f64>,
+    #[command(flatten)]
+    clip: ClipArgs,
     /// Width and height of each picture in pixels
     #[arg(long, value_name = "WxH", default_value = SIZE)]
     size: ImageSize,
@@ -56,9 +47,8 @@ pub struct Args {
     camera: CameraArgs,
     #[command(flatten)]
     config: ConfigArgs,
-    /// Rebuild the tree of an object when its cost exceeds that of a new tree by more than this factor
-    #[arg(long, value_name = "R", default_value_t = REBUILD_ABOVE, allow_hyphen_values = true)]
-    rebuild_above: f64,
+    #[command(flatten)]
+    rebuild: RebuildArgs,
     /// Random seed of the memories' delays and stalls
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
@@ -88,90 +78,17 @@ pub struct Args {
     cycles: Option<u64>,
 }
 
-/// The times of the frames and the frame rate.
-struct Schedule {
-    /// The clip's name.
-    clip: Option<String>,
-    /// The time of each frame within the clip, in seconds.
-    times: Vec<f64>,
-    frames_per_second: f64,
-}
-
-/// The default number of frames.
-const FRAMES: usize = 12;
-
-/// The maximum number of frames: all of their pictures may be held in memory.
-const MOST_FRAMES: usize = 100_000;
-
 impl Args {
-    fn schedule(&self, scene: &Animated) -> Result<(Option<usize>, Schedule)> {
-        let given = match &self.frames {
-            None => None,
-            Some(text) => match text.parse::<usize>() {
-                Ok(count) if (1..=MOST_FRAMES).contains(&count) => Some(count),
-                _ => anyhow::bail!(
-                    "--frames {}: give a whole number from 1 to {MOST_FRAMES}",
-                    text::word(text)
-                ),
-            },
-        };
-        if let Some(fps) = self.fps {
-            ensure!(
-                fps > 0.0 && (1e-3..=1e6).contains(&fps),
-                "--fps {}: give 0.001 to 1000000 frames per second",
-                text::number(fps)
-            );
-        }
-        let clip = scene.clip(self.clip.as_deref())?;
-        let seconds = clip.map_or(0.0, |clip| scene.clips[clip].seconds);
-        let (times, frames_per_second) = if seconds > 0.0 {
-            match (given, self.fps) {
-                (given, Some(fps)) => {
-                    // At most the limit, and at least one frame even if the clip is shorter than a frame.
-                    let all = (seconds * fps).round().clamp(1.0, MOST_FRAMES as f64);
-                    let count = given.unwrap_or(all as usize);
-                    let time = |frame: usize| (frame as f64 / fps).rem_euclid(seconds);
-                    ((0..count).map(time).collect(), fps)
-                }
-                (given, None) => {
-                    let count = given.unwrap_or(FRAMES);
-                    let clip = &scene.clips[clip.expect("it has a length")];
-                    (clip.frame_times(count), count as f64 / seconds)
-                }
-            }
-        } else {
-            (vec![0.0; given.unwrap_or(1)], self.fps.unwrap_or(12.0))
-        };
-        Ok((
-            clip,
-            Schedule {
-                clip: clip.map(|clip| scene.clips[clip].name.clone()),
-                times,
-                frames_per_second,
-            },
-        ))
-    }
-
     /// The command that runs this again, without the first frame.
     fn replay(&self) -> String {
         let mut text = format!("dynrt animate {}", quoted(&self.scene));
-        if let Some(clip) = &self.clip {
-            text += &format!(" --clip {}", quoted(clip));
-        }
-        if let Some(frames) = &self.frames {
-            text += &format!(" --frames {frames}");
-        }
-        if let Some(fps) = self.fps {
-            text += &format!(" --fps {}", text::number(fps));
-        }
+        text += &self.clip.replay();
         text += &self.camera.replay();
         text += &self.config.replay();
         if self.size.to_string() != SIZE {
             text += &format!(" --size {}", self.size);
         }
-        if self.rebuild_above != REBUILD_ABOVE {
-            text += &format!(" --rebuild-above {}", text::number(self.rebuild_above));
-        }
+        text += &self.rebuild.replay();
         if self.seed != 1 {
             text += &format!(" --seed {}", self.seed);
         }
@@ -181,47 +98,19 @@ impl Args {
 
 pub fn run(args: &Args) -> Result<()> {
     check_size(args.size)?;
-    ensure!(
-        args.rebuild_above >= 1.0,
-        "--rebuild-above {}: give a factor of at least 1",
-        text::number(args.rebuild_above)
-    );
+    args.rebuild.check()?;
     let config = args.config.load()?;
-    let frame = Frame::new(args.size, config.rays_per_packet as usize)?;
-    let scene = load_animated(&args.scene)?;
-    for warning in &scene.warnings {
-        tell(&format!("warning: {warning}"));
-    }
-    let (clip, schedule) = args.schedule(&scene)?;
-    let count = schedule.times.len();
+    let scheduled = Scheduled::load(&args.scene, &args.clip)?;
+    let count = scheduled.schedule.times.len();
     ensure!(
         args.from_frame < count,
         "--from-frame {}: there are {}, counted from 0",
         args.from_frame,
         counted(count as u64, "frame")
     );
-    let poses = schedule.times.iter().map(|&time| scene.pose(clip, time));
-    let poses = poses.collect::<Result<Vec<_>>>()?;
-    let extents = scene.extents_of(&poses)?;
-    let format = config.format();
-    let machine = MachineScene::new(&scene, &extents, format, config.skinning_joints)?;
-    let hidden = scene.warnings_of(&poses);
-    for warning in hidden.into_iter().chain(machine.warnings(&scene, &extents)) {
-        tell(&format!("warning: {warning}"));
-    }
-    let frames = (poses.iter().enumerate())
-        .map(|(number, pose)| {
-            let frame = machine.frame(pose);
-            frame.with_context(|| format!("scene {}, frame {number}", scene.name))
-        })
-        .collect::<Result<Vec<MachineFrame>>>()?;
-    let camera = match args.camera.is_default() {
-        true => scene.camera(&poses, args.size),
-        false => args.camera.of(extents.world)?,
-    };
-    let packets = frame.rays_in(&camera, format, machine.log2_scale)?;
-    let rays: Vec<_> = packets.iter().flat_map(|p| p.rays.clone()).collect();
-    active(&rays)?;
+    let film = scheduled.shown(&config, args.size, &args.camera)?;
+    let rays = film.rays();
+    let (scene, schedule) = (&film.scene, &film.schedule);
     let folder = (args.out.as_ref())
         .map(|out| FrameFolder::begin(out.path()))
         .transpose()?;
@@ -231,7 +120,7 @@ pub fn run(args: &Args) -> Result<()> {
         .transpose()?;
     let options = Options {
         seed: args.seed,
-        rebuild_above: args.rebuild_above,
+        rebuild_above: args.rebuild.rebuild_above,
         from_frame: args.from_frame,
         trace: trace.as_ref().zip(args.unit).map(|(trace, unit)| {
             let trace = Trace {
@@ -244,12 +133,6 @@ pub fn run(args: &Args) -> Result<()> {
         replay: args.replay(),
         ..Options::default()
     };
-    let film = Film {
-        scene: &machine,
-        frames: &frames,
-        size: args.size,
-        packets: &packets,
-    };
     let shown = count - args.from_frame;
     let bar = report::progress((shown * rays.len()) as u64, "building the models");
     bar.enable_steady_tick(Duration::from_millis(500));
@@ -259,15 +142,15 @@ pub fn run(args: &Args) -> Result<()> {
     };
     let mut job = Job {
         args,
-        scene: &scene,
+        scene,
         config: &config.name,
         overrides: args.config.overrides(&config),
-        schedule: &schedule,
+        schedule,
         frames: Vec::new(),
         total: Figures::default(),
     };
     let mut pictures = Vec::new();
-    let result = animate::run(&config, film, &options, &told, |frame| {
+    let result = animate::run(&config, film.film(), &options, &told, |frame| {
         if let Some(folder) = &folder {
             folder.add(frame.number, &frame.picture)?;
         }
@@ -403,7 +286,7 @@ impl Job<'_> {
             "width": args.size.width,
             "height": args.size.height,
             "frames_per_second": self.schedule.frames_per_second,
-            "rebuild_above": args.rebuild_above,
+            "rebuild_above": args.rebuild.rebuild_above,
             "seed": args.seed,
         });
         if let Some(setup) = setup {

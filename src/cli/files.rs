@@ -29,6 +29,8 @@ pub enum Kind {
     Gif,
     /// A waveform.
     Fst,
+    /// A picture, or a folder of the pictures of several frames.
+    Pictures,
     /// A folder that is replaced as a whole.
     Folder,
     /// A folder in which files are replaced, and others stay.
@@ -40,7 +42,7 @@ impl Kind {
     fn extension(self) -> Option<(&'static str, &'static str)> {
         match self {
             Kind::Json => Some(("json", "JSON")),
-            Kind::Png => Some(("png", "PNG")),
+            Kind::Png | Kind::Pictures => Some(("png", "PNG")),
             Kind::Gif => Some(("gif", "GIF")),
             Kind::Fst => Some(("fst", "FST")),
             Kind::Folder | Kind::Files => None,
@@ -96,7 +98,20 @@ impl Output {
     }
 
     fn is_folder(&self) -> bool {
-        self.kind.extension().is_none()
+        match self.kind {
+            Kind::Pictures => self.path.is_dir(),
+            kind => kind.extension().is_none(),
+        }
+    }
+
+    /// Checks that the name is a folder's, because there are several pictures.
+    pub fn check_folder(&self, pictures: usize) -> Result<()> {
+        let name = self.path.extension().unwrap_or_default();
+        ensure!(
+            !self.is_standard_output() && !name.eq_ignore_ascii_case("png"),
+            "{self}: holds one picture, but there are {pictures}; give --out a folder's name"
+        );
+        Ok(())
     }
 
     /// The path to write to.

@@ -100,6 +100,16 @@ impl PictureArgs {
         Ok(cast)
     }
 
+    /// Checks that the rays are those of the camera, which are the same in all frames of an animation.
+    pub fn only_primary(&self) -> Result<()> {
+        ensure!(
+            self.rays == RayKind::Primary,
+            "--rays {}: the frames of an animation are cast with the rays of the camera; leave --rays out, or give a still scene",
+            self.rays.name()
+        );
+        Ok(())
+    }
+
     /// The arguments that select this picture again.
     pub fn replay(&self) -> String {
         let PictureArgs {
@@ -171,6 +181,11 @@ impl SceneArgs {
     /// The scene argument.
     pub fn spec(&self) -> &SceneSpec {
         &self.scene
+    }
+
+    /// The camera.
+    pub fn camera(&self) -> &CameraArgs {
+        &self.camera
     }
 
     /// The arguments that select this scene and camera again.

@@ -7,6 +7,7 @@ mod configuration;
 mod constraints;
 mod cosim;
 mod files;
+mod film;
 mod frame;
 mod fuzz;
 mod generate;
@@ -89,8 +90,8 @@ enum Command {
 enum Use {
     Generate(generate::Args),
     Constraints(constraints::Args),
-    Run(run::Args),
-    Pack(pack::Args),
+    Run(Box<run::Args>),
+    Pack(Box<pack::Args>),
     Cosim(cosim::Args),
     Animate(animate::Args),
     Render(render::Args),

@@ -26,37 +26,20 @@ use crate::bkd::layout::{
     INFLUENCES_PER_ROW, Influence, MemoryImage, Record, check_capacity, influence_words,
     vector_words,
 };
-use crate::bkd::stats::TreeStatistics;
-use crate::bkd::{Bounds, BuildOptions, InstanceSpec, InstancedImage, Quality, Tree, build};
+use crate::bkd::{Bounds, BuildOptions, InstanceSpec, InstancedImage, Quality, Tree};
 use crate::config::Config;
-use crate::float::{Arithmetic, Format};
+use crate::film::{Object, object_options};
+use crate::float::Format;
 use crate::golden::Caster;
-use crate::golden::skinning::{SkinCommand, SkinMemory, skin, skin_vertices};
+use crate::golden::skinning::{SkinCommand, SkinMemory, skin};
 use crate::golden::update::{UpdateCommand, UpdateMemory, update};
 use crate::port::{Hit, Ray};
 use crate::program::{Program, UpdateMachine};
-use crate::report;
-use crate::scene::animation::{
-    MachineFrame, MachineObject, MachineScene, Matrix3x4, ObjectFrame, transform_point,
-};
-use crate::scene::{ImageSize, RayPacket};
+use crate::scene::animation::ObjectFrame;
 use anyhow::{Context, Result, ensure};
 use image::RgbImage;
-use serde::Serialize;
 
-/// Default ratio of [`Quality::ratio`] above which a tree is rebuilt.
-pub const REBUILD_ABOVE: f64 = 1.5;
-
-/// An animated scene with its frames and rays.
-#[derive(Clone, Copy, Debug)]
-pub struct Film<'a> {
-    pub scene: &'a MachineScene,
-    /// At least one frame.
-    pub frames: &'a [MachineFrame],
-    pub size: ImageSize,
-    /// The rays, the same in all frames.
-    pub packets: &'a [RayPacket],
-}
+pub use crate::film::{Film, REBUILD_ABOVE, Setup, TreeReport};
 
 /// The units with their own models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -201,26 +184,6 @@ pub struct FrameReport {
     pub picture: RgbImage,
 }
 
-/// The tree of a moving object in a frame.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TreeReport {
-    pub object: String,
-    pub sah_ratio: f64,
-    /// Whether it is rebuilt from the next frame on.
-    pub rebuilt: bool,
-}
-
-/// Facts about a film before its first frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Setup {
-    /// 1 or 2.
-    pub levels: u32,
-    pub objects: usize,
-    pub instances: usize,
-    /// Triangles of all objects, each object counted once.
-    pub triangles: usize,
-}
-
 /// Runs a film in the RTL of `config` from `options.from_frame` on, and passes each frame to `done` when all of
 /// it agrees. `progress` receives the number of rays of the current frame that have returned.
 ///
@@ -323,24 +286,15 @@ impl Units {
 /// Number of cycles for which a unit is reset when it is built.
 const RESET: u64 = 4;
 
-/// An object of the film.
-struct Object<'a> {
-    machine: &'a MachineObject,
-    /// Whether any frame moves its vertices.
-    moves: bool,
-    options: BuildOptions,
-    tree: Tree,
-    program: Program,
+/// An object of the film, and where its parts are.
+struct Placed<'a> {
+    object: Object<'a>,
     /// The program in whole rows, and the address of its first byte.
     code: Vec<u8>,
     code_at: u32,
     skin: Option<SkinPlace>,
     /// The data that the host supplied last; `None` before the first frame, and if memory must be written in a new order.
     given: Option<ObjectFrame>,
-    /// The vertices in the order of the mesh, as supplied last by the host.
-    rest: Vec<[f64; 3]>,
-    /// The vertices of the tree in the order of the mesh, by the golden model.
-    vertices: Vec<[f64; 3]>,
     /// Costs of the refitted tree and of a rebuilt one, for the current vertices.
     costs: [f64; 2],
 }
@@ -356,75 +310,11 @@ struct SkinPlace {
     rows: u32,
 }
 
-impl<'a> Object<'a> {
-    /// Creates the object with a tree for the vertices of the first frame.
-    fn new(
-        film: Film<'a>,
-        number: usize,
-        machine: UpdateMachine,
-        options: BuildOptions,
-    ) -> Result<Object<'a>> {
-        let object = &film.scene.objects[number];
-        let is_written = |frame: &MachineFrame| frame.objects[number].written.is_some();
-        let (mut rest, first) = (object.rest.clone(), &film.frames[0].objects[number]);
-        let vertices = posed(film.scene, number, &mut rest, first)?;
-        let tree = build(&vertices, &object.triangles, &options)?;
-        let program = Program::compile(&tree, &object.triangles, vertices.len(), machine)?;
-        let statistics =
-            TreeStatistics::new(&tree, &vertices, &object.triangles, film.scene.format);
-        let cost = statistics.expected_steps + statistics.expected_tests;
-        Ok(Object {
-            machine: object,
-            moves: object.influences.is_some() || film.frames.iter().any(is_written),
-            options,
-            code: program.bytes(),
-            code_at: 0,
-            tree,
-            program,
-            skin: None,
-            given: None,
-            rest,
-            vertices,
-            costs: [cost; 2],
-        })
-    }
-
-    /// The object's memory image at base 0, by the golden model, with bounds computed from scratch.
-    fn image(&self, format: Format) -> Result<MemoryImage> {
-        let triangles = &self.machine.triangles;
-        self.program
-            .image(format, &self.vertices, triangles, &self.tree)
-    }
-
+impl Placed<'_> {
     /// The stream of influences in the order of the program's vertices; empty for an object without a skin.
     fn influences(&self) -> Vec<Influence> {
-        let influences = self.machine.influences.as_ref();
-        influences.map_or(Vec::new(), |influences| {
-            self.program.reorder_vertices(influences).concat()
-        })
+        self.object.influences(self.object.vertices.len())
     }
-}
-
-/// The vertices of the tree in a frame, in the order of the mesh, by the golden model. `rest` becomes the data that the host has
-/// supplied up to then.
-fn posed(
-    scene: &MachineScene,
-    number: usize,
-    rest: &mut Vec<[f64; 3]>,
-    frame: &ObjectFrame,
-) -> Result<Vec<[f64; 3]>> {
-    if let Some(written) = &frame.written {
-        rest.clone_from(written);
-    }
-    let vertices = match &scene.objects[number].influences {
-        Some(influences) => {
-            let arithmetic = Arithmetic::new(scene.format);
-            skin_vertices(&arithmetic, rest, &influences.concat(), &frame.palette)
-        }
-        None => rest.clone(),
-    };
-    scene.check_vertices(number, &vertices)?;
-    Ok(vertices)
 }
 
 /// The host: it manages the machine's memory and starts its units.
@@ -433,7 +323,7 @@ struct Host<'a> {
     film: Film<'a>,
     rays: Vec<Ray>,
     machine: UpdateMachine,
-    objects: Vec<Object<'a>>,
+    objects: Vec<Placed<'a>>,
     /// The required contents of memory, by the golden model.
     golden: InstancedImage,
     /// The contents of memory, as written by host and RTL.
@@ -447,45 +337,38 @@ struct Host<'a> {
     setup: Setup,
 }
 
-/// The maximum depth of a tree over some of a scene's triangles: the part of the stack that the top-level tree does not need.
-fn object_depth(stack_depth: u32, instances: usize, triangles: usize) -> u32 {
-    /// Entries in addition to the minimum for the top-level tree, because it need not be balanced.
-    const SLACK: u32 = 4;
-    if instances == 1 {
-        return stack_depth;
-    }
-    let top = instances.next_power_of_two().ilog2() + SLACK;
-    let fewest = triangles.next_power_of_two().ilog2();
-    stack_depth.saturating_sub(top).max(fewest).min(stack_depth)
-}
-
 impl<'a> Host<'a> {
     fn new(config: &'a Config, film: Film<'a>) -> Result<Host<'a>> {
         let (scene, format) = (film.scene, config.format());
         let machine = unit_update::machine(config)?;
-        let one_level = scene.is_one_level(film.frames);
-        let triangles: usize = scene.objects.iter().map(|o| o.triangles.len()).sum();
+        let one_level = film.is_one_level();
+        let setup = film.setup();
         let top = if one_level { 0 } else { scene.instances.len() };
-        check_capacity(0, (triangles + top) as u64, config.address_bits)?;
+        check_capacity(0, (setup.triangles + top) as u64, config.address_bits)?;
         let mut objects = Vec::new();
         let mut golden = InstancedImage::new(format);
         let (mut program, mut influences) = (Vec::new(), Vec::new());
         let row = INFLUENCES_PER_ROW;
         for (number, object) in scene.objects.iter().enumerate() {
-            let count = object.triangles.len();
-            let depth = object_depth(config.stack_depth, scene.instances.len(), count);
-            let options = BuildOptions::default_for(config.axes_per_node, depth);
-            let mut object =
-                Object::new(film, number, machine, options).with_context(|| object.name.clone())?;
-            golden.add_object(&object.image(format)?)?;
-            object.code_at = program.len() as u32;
+            let options = object_options(config, film, number);
+            let made = Object::new(film, number, machine, options);
+            let made = made.with_context(|| object.name.clone())?;
+            golden.add_object(&made.image(format)?)?;
+            let mut object = Placed {
+                code: made.program.bytes(),
+                code_at: program.len() as u32,
+                skin: None,
+                given: None,
+                costs: [made.cost(format); 2],
+                object: made,
+            };
             program.extend_from_slice(&object.code);
             let stream = object.influences();
             if !stream.is_empty() {
                 let joints = film.frames[0].objects[number].palette.len();
                 object.skin = Some(SkinPlace {
                     palette: golden.add_vectors(&vec![[0.0; 3]; 4 * joints])?,
-                    rest: golden.add_vectors(&vec![[0.0; 3]; object.rest.len()])?,
+                    rest: golden.add_vectors(&vec![[0.0; 3]; object.object.rest.len()])?,
                     influences: influences.len() as u32 / row_words(format),
                     rows: stream.len().div_ceil(row) as u32,
                 });
@@ -496,9 +379,7 @@ impl<'a> Host<'a> {
         let mut host = Host {
             config,
             film,
-            rays: (film.packets.iter())
-                .flat_map(|packet| packet.rays.iter().copied())
-                .collect(),
+            rays: film.rays(),
             machine,
             arrays: UpdateArrays {
                 program,
@@ -512,18 +393,13 @@ impl<'a> Host<'a> {
             one_level,
             specs: Vec::new(),
             there: vec![0],
-            setup: Setup {
-                levels: if one_level { 1 } else { 2 },
-                objects: scene.objects.len(),
-                instances: scene.instances.len(),
-                triangles,
-            },
+            setup,
         };
         // The host loads memory: links, triangle records, and the bounds of static objects. The update processor writes all other
         // bounds, which are zero before.
         let boxes: Vec<Bounds> = host.golden.objects().iter().map(|o| o.bounds).collect();
         for (number, bounds) in boxes.iter().enumerate() {
-            if !host.objects[number].moves {
+            if !host.objects[number].object.moves {
                 let (layout, row) = (Record::bounding_box(format), number as u64);
                 let numbers = bounds.lo.into_iter().chain(bounds.hi);
                 for (field, x) in layout.fields.iter().zip(numbers) {
@@ -554,7 +430,7 @@ impl<'a> Host<'a> {
         nodes.resize(slots * Record::node(format).words(), 0);
         host.arrays.nodes = Image::from_words(nodes, Record::node(format).width)?;
         for number in 0..host.objects.len() {
-            if host.objects[number].moves {
+            if host.objects[number].object.moves {
                 host.load_tree(number);
             }
         }
@@ -606,22 +482,7 @@ impl<'a> Host<'a> {
         if self.one_level {
             return Ok(());
         }
-        let format = self.format();
-        let instances = std::iter::zip(
-            &self.film.scene.instances,
-            &self.film.frames[frame].instances,
-        );
-        let mut there = Vec::new();
-        let mut specs = Vec::new();
-        for (number, (&object, matrix)) in instances.enumerate() {
-            let Some(matrix) = matrix else {
-                continue;
-            };
-            let columns = columns(matrix);
-            let spec = InstanceSpec::new(format, number, object, &columns, boxes[object])?;
-            specs.push(spec);
-            there.push(number);
-        }
+        let (there, specs) = self.film.instances(frame, boxes)?;
         self.specs = specs;
         self.there = there;
         if self.specs.is_empty() {
@@ -673,15 +534,15 @@ impl<'a> Host<'a> {
         for object in 0..self.objects.len() {
             let given = &frame.objects[object];
             let state = &mut self.objects[object];
-            if !state.moves || state.given.as_ref() == Some(given) {
+            if !state.object.moves || state.given.as_ref() == Some(given) {
                 continue;
             }
-            state.vertices = posed(film.scene, object, &mut state.rest, given)?;
+            state.object.pose(film.scene, given)?;
             state.given = Some(given.clone());
             self.move_object(object, given, units.as_deref_mut(), &mut figures)
                 .map_err(|error| located(error, number, units.as_deref(), options))?;
             // The reference of the golden model, by other means.
-            let image = self.objects[object].image(self.format())?;
+            let image = self.objects[object].object.image(self.format())?;
             self.golden.replace_object(object, &image)?;
             changed.push(object);
         }
@@ -699,16 +560,9 @@ impl<'a> Host<'a> {
         let image = self.image(&boxes);
         let (format, objects) = (self.format(), &self.objects);
         let side = |draws: bool| {
-            let qualities = changed.iter().map(|&number| {
-                let Object {
-                    machine,
-                    tree,
-                    vertices,
-                    options,
-                    ..
-                } = &objects[number];
-                Quality::of(tree, vertices, &machine.triangles, options, format)
-            });
+            let qualities = changed
+                .iter()
+                .map(|&number| objects[number].object.quality(format));
             let qualities: Result<Vec<Quality>> = qualities.collect();
             let rays_per_packet = self.config.rays_per_packet as usize;
             let hits = draws.then(|| {
@@ -747,12 +601,12 @@ impl<'a> Host<'a> {
         let picture = match &drawn {
             None if is_empty && units.is_some() => {
                 let misses = vec![Hit::MISS; self.rays.len()];
-                Some(self.shade(frame, &misses))
+                Some(self.shade(number, &misses))
             }
             None => None,
             Some((rtl, golden)) => {
-                let picture = self.shade(frame, &rtl.hits);
-                compare_pictures(&picture, &self.shade(frame, golden))
+                let picture = self.shade(number, &rtl.hits);
+                compare_pictures(&picture, &self.shade(number, golden))
                     .map_err(|e| located(e.into(), number, units.as_deref(), options))?;
                 let active = self.rays.iter().filter(|ray| ray.active).count() as u64;
                 figures.raycast_cycles = rtl.cycles;
@@ -787,7 +641,7 @@ impl<'a> Host<'a> {
             // The last frame has no next one that could use a new tree.
             let rebuilt = sah_ratio > options.rebuild_above && number + 1 < self.film.frames.len();
             trees.push(TreeReport {
-                object: self.objects[object].machine.name.clone(),
+                object: self.objects[object].object.machine.name.clone(),
                 sah_ratio,
                 rebuilt,
             });
@@ -810,7 +664,7 @@ impl<'a> Host<'a> {
         let format = self.format();
         let place = self.golden.objects()[number];
         let state = &self.objects[number];
-        let rest = state.program.reorder_vertices(&state.rest);
+        let rest = state.object.program.reorder_vertices(&state.object.rest);
         let (code_at, rows) = (state.code_at, state.code.len() / Program::ROW_BYTES);
         match state.skin {
             None => self.write_vectors(place.vertex_base, &rest),
@@ -976,19 +830,9 @@ impl<'a> Host<'a> {
     }
 
     /// Draws the hits of rays in a frame.
-    fn shade(&self, frame: &MachineFrame, hits: &[Hit]) -> RgbImage {
-        let corners = |hit: &Hit| {
-            let instance = self.there[hit.instance as usize];
-            let object = &self.objects[self.film.scene.instances[instance]];
-            let triangle = object.machine.triangles[hit.triangle as usize];
-            let matrix = frame.instances[instance].as_ref();
-            let matrix = matrix.expect("what is hit is there");
-            triangle.map(|vertex| {
-                let vertex = object.vertices[vertex as usize];
-                transform_point(matrix, vertex)
-            })
-        };
-        report::shade_triangles(self.film.size, self.film.packets, hits, corners, None)
+    fn shade(&self, frame: usize, hits: &[Hit]) -> RgbImage {
+        let vertices = |object: usize| &self.objects[object].object.vertices[..];
+        self.film.shade(frame, &self.there, vertices, hits)
     }
 
     /// Sums the trees' costs over the instances, weighted by the areas of their boxes in the world.
@@ -1010,10 +854,8 @@ impl<'a> Host<'a> {
     fn rebuild(&mut self, number: usize, tree: Tree) -> Result<()> {
         let format = self.format();
         let object = &mut self.objects[number];
-        let triangles = &object.machine.triangles;
-        object.program = Program::compile(&tree, triangles, object.vertices.len(), self.machine)?;
-        object.tree = tree;
-        object.code = object.program.bytes();
+        object.object.rebuild(tree, self.machine)?;
+        object.code = object.object.program.bytes();
         object.given = None;
         // Programs are consecutive, and the new one may have another length.
         self.arrays.program.clear();
@@ -1027,7 +869,7 @@ impl<'a> Host<'a> {
             let start = (skin.influences * row_words(format)) as usize;
             self.influences[start..start + words.len()].copy_from_slice(&words);
         }
-        let image = object.image(format)?;
+        let image = object.object.image(format)?;
         self.golden.replace_object(number, &image)?;
         self.load_tree(number);
         Ok(())
@@ -1036,10 +878,6 @@ impl<'a> Host<'a> {
 
 fn row_words(format: Format) -> u32 {
     Record::influence_row(format).words() as u32
-}
-
-fn columns(matrix: &Matrix3x4) -> [[f64; 3]; 4] {
-    std::array::from_fn(|column| std::array::from_fn(|row| matrix[row][column]))
 }
 
 fn compare_pictures(rtl: &RgbImage, golden: &RgbImage) -> Result<(), Mismatch> {

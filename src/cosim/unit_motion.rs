@@ -408,18 +408,13 @@ impl Run {
         }
         if let Some(running) = &self.running {
             wanted.push(("vertices", running.asked.vertices.into(), out.vertices));
-            let takes = given.record && self.takes(running, given).1;
-            let record = running.records.front();
-            let ready = |is: bool| u64::from(takes && is);
-            let is_vertex = matches!(record, Some(Written::Vertex { .. }));
-            let is_node = matches!(record, Some(Written::Node { .. }));
             if given.record {
-                let port = match (is_vertex, is_node) {
-                    (true, _) => out.units.skinned_ready,
-                    (_, true) => out.units.node_ready,
-                    _ => out.units.bounds_ready,
+                let port = match &running.records[0] {
+                    Written::Vertex { .. } => out.units.skinned_ready,
+                    Written::Node { .. } => out.units.node_ready,
+                    Written::Bounds { .. } => out.units.bounds_ready,
                 };
-                wanted.push(("record ready", ready(true), port));
+                wanted.push(("record ready", self.takes(running, given).into(), port));
             }
         }
         self.check("outputs", &wanted)?;
@@ -520,15 +515,11 @@ impl Run {
         wanted
     }
 
-    /// Whether a word of the offered record is stored in this cycle, and whether the record is then complete.
-    fn takes(&self, running: &Running, given: &Given) -> (bool, bool) {
+    /// Whether the last word of the offered record is stored in this cycle.
+    fn takes(&self, running: &Running, given: &Given) -> bool {
         let room = self.stored.is_none() || given.write_ready;
-        let words = running
-            .records
-            .front()
-            .map(|record| self.words(running, record));
-        let is_last = words.is_some_and(|words| words.len() == 1 || running.second);
-        (room, room && is_last)
+        let words = self.words(running, &running.records[0]).len();
+        room && (words == 1 || running.second)
     }
 
     /// The words of a record.
@@ -612,9 +603,11 @@ impl Run {
             true => WORD,
             false => self.layouts.row.bytes as usize,
         };
-        let left = (running.words.len() - taken) * WORD;
-        let needed = (running.rows.len() - 1) * row_bytes;
-        match left <= needed {
+        let rows = running.asked.rows as usize;
+        let all = (rows * row_bytes).div_ceil(WORD);
+        let arrived = (all - running.words.len() + taken) * WORD;
+        let needed = (rows - running.rows.len() + 1) * row_bytes;
+        match arrived >= needed {
             true => Ok(true),
             false => Err(self.bench.mismatch("a row before its words", vec![])),
         }

@@ -9,7 +9,7 @@ use std::collections::{BinaryHeap, VecDeque};
 
 use anyhow::{Result, ensure};
 
-use super::{Instruction, Program, UpdateMachine};
+use super::{Instruction, Loads, Program, UpdateMachine};
 use crate::bkd::{Child, Tree, TreeNode};
 
 /// The order of the leaves, and the order of the nodes that needs the fewest box registers.
@@ -27,6 +27,7 @@ pub(super) fn compile(
     triangles: &[[u32; 3]],
     vertices: usize,
     machine: UpdateMachine,
+    loads: Loads,
 ) -> Result<Program> {
     machine.check()?;
     ensure!(
@@ -59,7 +60,7 @@ pub(super) fn compile(
         machine.box_registers
     );
 
-    let mut vertex_file = VertexFile::new(&walk.leaves, triangles, vertices, machine);
+    let mut vertex_file = VertexFile::new(&walk.leaves, triangles, vertices, machine, loads);
     let mut nodes = NodeQueue::new(tree, &walk, machine);
     let mut instructions = Vec::with_capacity(triangles.len() * 11 / 4 + 16);
     let mut leaves_done = 0;
@@ -85,6 +86,7 @@ pub(super) fn compile(
     let vertices_used = vertex_file.loaded.len() as u32;
     Ok(Program {
         machine,
+        loads,
         instructions,
         vertex_order: vertex_file.vertex_order(),
         vertices_used,
@@ -365,6 +367,7 @@ fn box_registers_needed(tree: &Tree) -> Vec<u32> {
 
 /// The vertex registers, filled for one leaf after another. The vertex with the most distant next use is replaced.
 struct VertexFile<'a> {
+    loads: Loads,
     leaves: &'a [u32],
     triangles: &'a [[u32; 3]],
     /// For each leaf, in order, and each corner, the leaf with the next use of the vertex.
@@ -393,6 +396,7 @@ impl<'a> VertexFile<'a> {
         triangles: &'a [[u32; 3]],
         vertices: usize,
         machine: UpdateMachine,
+        loads: Loads,
     ) -> Self {
         let mut used_from_here = vec![NEVER; vertices];
         let mut next_uses = vec![[NEVER; 3]; leaves.len()];
@@ -405,6 +409,7 @@ impl<'a> VertexFile<'a> {
         }
         let registers = machine.vertex_registers as usize;
         VertexFile {
+            loads,
             leaves,
             triangles,
             next_uses,
@@ -448,15 +453,18 @@ impl<'a> VertexFile<'a> {
         self.register_of[vertex as usize] = register;
         self.last = register;
         let place = &mut self.place_of[vertex as usize];
-        Some(if *place == NEVER {
+        let first = *place == NEVER;
+        if first {
             *place = self.loaded.len() as u32;
             self.loaded.push(vertex);
-            Instruction::Load { register }
-        } else {
-            Instruction::Reload {
+        }
+        Some(match self.loads {
+            Loads::InOrder if first => Instruction::Load { register },
+            Loads::InOrder => Instruction::Reload {
                 register,
                 vertex: *place,
-            }
+            },
+            Loads::ByIndex { .. } => Instruction::Reload { register, vertex },
         })
     }
 
@@ -484,8 +492,11 @@ impl<'a> VertexFile<'a> {
         }
     }
 
-    /// All vertices in the order of their first loads, followed by unused ones.
+    /// All vertices in the order of their first loads, followed by unused ones; or all of them in their own order.
     fn vertex_order(self) -> Vec<u32> {
+        if let Loads::ByIndex { vertices } = self.loads {
+            return (0..vertices).collect();
+        }
         let mut order = self.loaded;
         let unused = (0..self.place_of.len() as u32)
             .filter(|&vertex| self.place_of[vertex as usize] == NEVER);

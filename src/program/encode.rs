@@ -10,7 +10,7 @@ use crate::bkd::Field;
 pub enum Instruction {
     /// Loads the next vertex in memory.
     Load { register: u8 },
-    /// Loads a vertex again that was replaced. `vertex` counts from the vertex base.
+    /// Loads a vertex by its index, which counts from the vertex base: one that was replaced, or the corner of an instance.
     Reload { register: u8, vertex: u32 },
     /// Merges three vertices into a box.
     Leaf { vertices: [u8; 3] },

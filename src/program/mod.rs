@@ -69,14 +69,24 @@ impl Default for UpdateMachine {
     }
 }
 
-/// The update program of one object.
+/// How a program finds its vertices in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Loads {
+    /// The vertices of an object, which are numbered in the order of their first loads.
+    InOrder,
+    /// The corners of instances, which have other vectors between them: every load names an index below `vertices`.
+    ByIndex { vertices: u32 },
+}
+
+/// The update program of one object, or of a top-level tree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Program {
     /// The machine for which it was compiled. It runs on any machine with at least as many registers and at most the same distance.
     pub machine: UpdateMachine,
+    pub loads: Loads,
     /// The instructions, with `end` as the last one.
     pub instructions: Vec<Instruction>,
-    /// The mesh's vertices in the order of memory: by first load, followed by unused ones.
+    /// The mesh's vertices in the order of memory: by first load, followed by unused ones. Of a top-level tree: the array as it is.
     /// Entry k is the mesh's index of the vertex at vertex base + k.
     pub vertex_order: Vec<u32>,
     /// Indices into [`Tree::nodes`] in the order of the writes: the `order` of [`layout::place`].
@@ -130,7 +140,24 @@ impl Program {
         vertices: usize,
         machine: UpdateMachine,
     ) -> Result<Program> {
-        compile::compile(tree, triangles, vertices, machine)
+        compile::compile(tree, triangles, vertices, machine, Loads::InOrder)
+    }
+
+    /// Compiles the update program of a top-level tree for a machine. `corners` are, for each instance, the indices of the least and
+    /// the greatest corner of its box from the command's vertex base on; all are below `vertices`.
+    ///
+    /// # Errors
+    /// As [`Program::compile`].
+    pub fn compile_top(
+        tree: &Tree,
+        corners: &[[u32; 2]],
+        vertices: u32,
+        machine: UpdateMachine,
+    ) -> Result<Program> {
+        // The box of both corners, one of them taken twice, is the instance's.
+        let leaves: Vec<[u32; 3]> = corners.iter().map(|&[lo, hi]| [lo, hi, hi]).collect();
+        let loads = Loads::ByIndex { vertices };
+        compile::compile(tree, &leaves, vertices as usize, machine, loads)
     }
 
     /// The program in memory: encoded, and padded with zeros to a multiple of [`Program::ROW_BYTES`].
@@ -213,21 +240,21 @@ impl Program {
         })
     }
 
+    /// Number of vertices that triangles use: the first ones in the program's order.
+    pub fn vertices_used(&self) -> u32 {
+        self.vertices_used
+    }
+
     /// The statistics of the program.
     pub fn statistics(&self) -> Statistics {
-        let (mut loads, mut reloads, mut leaves, mut short, mut nodes, mut nops) =
-            (0, 0, 0, 0, 0, 0);
+        let (mut loads, mut leaves, mut short, mut nodes, mut nops) = (0, 0, 0, 0, 0);
         let (mut bytes, mut vertex_registers_used) = (0, 0);
         for instruction in &self.instructions {
             bytes += instruction.form().bytes as u64;
             match *instruction {
-                Instruction::Load { register } => {
+                Instruction::Load { register } | Instruction::Reload { register, .. } => {
                     loads += 1;
                     vertex_registers_used = vertex_registers_used.max(u32::from(register) + 1);
-                }
-                Instruction::Reload { .. } => {
-                    loads += 1;
-                    reloads += 1;
                 }
                 Instruction::Leaf { .. } => leaves += 1,
                 Instruction::LeafLast { .. } => {
@@ -247,7 +274,7 @@ impl Program {
             vertices,
             instructions,
             loads,
-            reloads,
+            reloads: loads - vertices,
             leaf_merges: leaves,
             short_leaf_merges: short,
             node_merges: nodes,
@@ -266,7 +293,7 @@ impl Program {
     /// # Errors
     /// Names the instruction that breaks a rule, and the rule.
     pub fn check(&self) -> Result<()> {
-        check(&self.instructions, self.machine)
+        check(&self.instructions, self.machine, self.loads)
     }
 
     /// The program as text, one line per instruction: byte address, bytes, and the instruction with its implicit
@@ -351,7 +378,7 @@ impl Implicit {
 ///
 /// # Errors
 /// Names the instruction that breaks a rule, and the rule.
-pub fn check(instructions: &[Instruction], machine: UpdateMachine) -> Result<()> {
+pub fn check(instructions: &[Instruction], machine: UpdateMachine, loads: Loads) -> Result<()> {
     machine.check()?;
     let mut vertex_written = vec![false; machine.vertex_registers as usize];
     // For each box register in use, the number of the instruction that wrote it.
@@ -368,10 +395,21 @@ pub fn check(instructions: &[Instruction], machine: UpdateMachine) -> Result<()>
         }
         match instruction {
             Instruction::Load { register } | Instruction::Reload { register, .. } => {
-                if let Instruction::Reload { vertex, .. } = instruction
-                    && vertex >= state.next_vertex
-                {
-                    return fault("loads a vertex again that was never loaded".into());
+                match (instruction, loads) {
+                    (Instruction::Reload { vertex, .. }, Loads::InOrder)
+                        if vertex >= state.next_vertex =>
+                    {
+                        return fault("loads a vertex again that was never loaded".into());
+                    }
+                    (Instruction::Reload { vertex, .. }, Loads::ByIndex { vertices })
+                        if vertex >= vertices =>
+                    {
+                        return fault("loads a vertex that is not there".into());
+                    }
+                    (Instruction::Load { .. }, Loads::ByIndex { .. }) => {
+                        return fault("loads the next vertex, but these have no order".into());
+                    }
+                    _ => {}
                 }
                 let Some(written) = vertex_written.get_mut(register as usize) else {
                     return fault("names a vertex register that the machine lacks".into());

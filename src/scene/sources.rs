@@ -1,5 +1,6 @@
 //! The names of scenes, and the files that are read for them.
 
+use super::ANIMATED_NAMES;
 use crate::text;
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -37,6 +38,15 @@ impl SceneSpec {
     pub fn is_folder_or_gltf(&self) -> bool {
         self.path()
             .is_some_and(|path| path.is_dir() || is_named(path, &GLTF))
+    }
+}
+
+impl SceneSpec {
+    /// Whether a scene of this name moves: a folder of frames, a glTF file, or an animated built-in scene.
+    pub fn is_animated(&self) -> bool {
+        let builtin = self.builtin();
+        let name = builtin.as_deref().and_then(|name| name.split('?').next());
+        name.is_some_and(|name| ANIMATED_NAMES.contains(&name)) || self.is_folder_or_gltf()
     }
 }
 

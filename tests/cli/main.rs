@@ -1,5 +1,6 @@
 //! The command line: output files, and error messages for bad input.
 
+mod films;
 #[cfg(unix)]
 mod interrupt;
 mod maintain;

@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The frames of a scene in the machine's number format, and the rays.
-struct Shown {
+pub(crate) struct Shown {
     machine: MachineScene,
     frames: Vec<MachineFrame>,
     size: ImageSize,
@@ -50,7 +50,7 @@ impl Shown {
     }
 
     /// A number of frames of a clip.
-    fn clip(
+    pub(crate) fn clip(
         config: &Config,
         scene: &Animated,
         clip: Option<usize>,
@@ -67,7 +67,7 @@ impl Shown {
         Shown::new(config, scene, &poses, size)
     }
 
-    fn film(&self) -> Film<'_> {
+    pub(crate) fn film(&self) -> Film<'_> {
         Film {
             scene: &self.machine,
             frames: &self.frames,
@@ -76,7 +76,11 @@ impl Shown {
         }
     }
 
-    fn run(&self, config: &Config, options: &Options) -> anyhow::Result<Vec<FrameReport>> {
+    pub(crate) fn run(
+        &self,
+        config: &Config,
+        options: &Options,
+    ) -> anyhow::Result<Vec<FrameReport>> {
         let mut reports = Vec::new();
         animate::run(config, self.film(), options, &|_, _| (), |report| {
             reports.push(report);

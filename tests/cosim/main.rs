@@ -5,6 +5,7 @@ mod bus;
 mod cache;
 mod chip;
 mod driver;
+mod film;
 mod fp_units;
 mod frames;
 mod lending;

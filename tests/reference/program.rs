@@ -764,3 +764,120 @@ fn a_million_triangles_compile() {
     let f = measure("a million triangles", &object, UpdateMachine::default());
     assert!(f.bytes_per_triangle <= 6.0);
 }
+
+// ---------------------------------------------------------------------------------------------------
+// Top-level trees: leaves are the boxes of instances, whose corners have other vectors between them.
+
+/// The update of a top-level tree writes the nodes and the box that are built from the same boxes, in all bits.
+#[test]
+fn a_top_level_tree_is_refitted_from_the_corners_of_its_instances() {
+    let seed = 0x5eed_0304;
+    let mut random = Rng::with_seed(seed);
+    let (mut nodes_compared, mut refused) = (0, 0);
+    for case in 0..400 {
+        let formats = [(7, 16), (3, 2), (10, 23)];
+        let (exponent, fraction) = formats[random.usize(..3)];
+        let format = Format::new(exponent, fraction).unwrap();
+        let context = format!("seed {seed:#x}, case {case}");
+        let object = random_object(&mut random);
+        let (tree, count) = (object.tree, object.triangles.len());
+        // Six vectors for each instance; the last two are its corners.
+        let mut vectors = random_vertices(&mut random, 6 * count, format);
+        for instance in vectors.chunks_mut(6) {
+            let [a, b] = [instance[4], instance[5]];
+            instance[4] = std::array::from_fn(|axis| a[axis].min(b[axis]));
+            instance[5] = std::array::from_fn(|axis| a[axis].max(b[axis]));
+        }
+        let corners: Vec<[u32; 2]> = (0..count as u32).map(|k| [6 * k + 4, 6 * k + 5]).collect();
+        let machine = random_machine(&mut random);
+        let length = vectors.len() as u32;
+        let Ok(program) = Program::compile_top(&tree, &corners, length, machine) else {
+            refused += 1;
+            continue;
+        };
+        program.check().unwrap();
+        let loads = program.instructions.iter().filter(|instruction| {
+            assert!(
+                !matches!(instruction, Instruction::Load { .. }),
+                "{context}"
+            );
+            matches!(instruction, Instruction::Reload { .. })
+        });
+        assert_eq!(
+            loads.count(),
+            2 * count,
+            "{context}: each corner is loaded once"
+        );
+        let boxes = |number: u32| Bounds {
+            lo: vectors[6 * number as usize + 4],
+            hi: vectors[6 * number as usize + 5],
+        };
+        let refit = tree.refit_leaves(boxes);
+        let node_layout = Record::node(format);
+        let mut nodes = vec![u32::MAX; (count + 2) * node_layout.words()];
+        let mut all = dynrt::bkd::layout::vector_words(format, &[[1.0; 3]; 3]);
+        all.extend(dynrt::bkd::layout::vector_words(format, &vectors));
+        let memory = UpdateMemory {
+            format,
+            program: &program.bytes(),
+            vertices: &all,
+            nodes: &mut nodes,
+            boxes: &mut vec![0; Record::bounding_box(format).words()],
+        };
+        let command = UpdateCommand {
+            vertex_base: 3,
+            node_base: 1,
+            ..UpdateCommand::default()
+        };
+        let updated = update(memory, command, |_| ()).unwrap();
+        assert_eq!(updated.bounds, refit.root, "{context}");
+        let written = nodes.chunks_exact(node_layout.words()).skip(1);
+        for (&index, words) in program.node_order.iter().zip(written) {
+            let [left, right] = refit.intervals[index as usize];
+            let wanted = [left[0], left[1], right[0], right[1]].map(|x| format.to_bits(x));
+            let names = ["left_lo", "left_hi", "right_lo", "right_hi"];
+            assert_eq!(
+                names.map(|name| node_layout.get(words, name)),
+                wanted,
+                "{context}"
+            );
+            nodes_compared += 1;
+        }
+        assert_eq!(
+            updated.nodes_written as usize,
+            tree.nodes.len(),
+            "{context}"
+        );
+    }
+    eprintln!("{nodes_compared} nodes of top-level trees compared, {refused} trees refused");
+    assert!(nodes_compared > 10_000 && refused < 100);
+}
+
+/// Loads by index are checked against the length of the array, and a load of the next vertex is refused.
+#[test]
+fn broken_programs_of_top_level_trees_are_noticed() {
+    let tree = Tree {
+        nodes: vec![TreeNode {
+            children: [Child::Leaf(0), Child::Leaf(1)],
+            axes: [0, 1],
+        }],
+        root: Child::Inner(0),
+    };
+    let machine = UpdateMachine::default();
+    let program = Program::compile_top(&tree, &[[4, 5], [10, 11]], 12, machine).unwrap();
+    program.check().unwrap();
+    let with = |at: usize, instruction| {
+        let mut broken = program.clone();
+        broken.instructions[at] = instruction;
+        broken.check().unwrap_err().to_string()
+    };
+    let beyond = Instruction::Reload {
+        register: 0,
+        vertex: 12,
+    };
+    assert!(with(0, beyond).contains("that is not there"));
+    let next = Instruction::Load { register: 0 };
+    assert!(with(0, next).contains("these have no order"));
+    let error = Program::compile_top(&tree, &[[4, 5], [10, 12]], 12, machine).unwrap_err();
+    assert!(error.to_string().contains("names vertex 12"), "{error}");
+}

@@ -2,6 +2,7 @@
 
 mod animation;
 mod corpus;
+mod film;
 mod scenes;
 #[path = "../support/mod.rs"]
 mod support;
