@@ -247,10 +247,6 @@ impl Combiner {
             return [false; 2];
         }
         if !self.open.iter().any(|line| line.address == address) {
-            if self.open.len() == lines as usize {
-                evicts = true;
-                self.closed.extend(self.open.pop_front());
-            }
             self.open.push_back(Line {
                 address,
                 bytes: [None; LINE_BYTES as usize],
@@ -269,6 +265,10 @@ impl Combiner {
         if line.bytes.iter().all(Option::is_some) {
             self.closed.extend(self.open.remove(place));
         }
+        if self.open.len() == lines as usize {
+            evicts = true;
+            self.closed.extend(self.open.pop_front());
+        }
         [evicts, overwrites]
     }
 
@@ -282,7 +282,7 @@ impl Combiner {
 enum Words {
     /// Each only after all closed lines have been sent.
     Paced,
-    /// In as many lines as there are, none of which fills up: each is accepted at once.
+    /// In one line less than there are, none of which fills up: each is accepted at once.
     FewLines,
     /// One after another, all bytes.
     Sequence,
@@ -461,7 +461,8 @@ impl Run<'_> {
         self.next_word = base + rng.u32(..MEMORY / 2 / WORD_BYTES / 2) * WORD_BYTES;
         let mut all: Vec<u32> = (0..MEMORY / 2 / LINE_BYTES).collect();
         rng.shuffle(&mut all);
-        all.truncate(self.sizes.lines as usize);
+        let spare = usize::from(self.words == Words::FewLines);
+        all.truncate(self.sizes.lines as usize - spare);
         self.lines = all.iter().map(|line| base + line * LINE_BYTES).collect();
         let mut idle = 0;
         while !self.is_done() {

@@ -251,16 +251,22 @@ impl<'b> Lines<'b> {
         next: &Next<'b>,
         stream: &Stream<'b>,
     ) -> Closing<'b> {
-        m.comment("A line is closed if it is full. The oldest one is closed if a line is needed and all are open, or by a flush.");
+        m.comment("A line is closed if it is full. The oldest one is closed if all are open, unless a word goes into it or fills another, or by a flush.");
         let open = self.open.iter().map(|reg| reg.q).collect::<Vec<_>>();
-        let needed = stage.valid.q & !stage.any_hit & m.and_all(&open);
+        let oldest: Vec<_> = (0..self.count())
+            .map(|i| self.order.is_oldest("open", i, &open))
+            .collect();
+        let written: Vec<_> = (0..self.count())
+            .map(|i| stage.hits[i] & (oldest[i] | contents.line_full))
+            .collect();
+        let stays = (stage.valid.q & m.or_all(&written)).named("oldest_stays");
+        let needed = m.and_all(&open) & !stays;
         let flushes = inputs.flush & !stage.valid.q;
         let close_oldest = (needed | flushes).named("close_oldest");
         let (mut newest, mut all) = (vec![], vec![]);
         for i in 0..self.count() {
             let fills = stage.hits[i] & stage.valid.q & contents.line_full;
-            let closes = (fills | (close_oldest & self.order.is_oldest("open", i, &open)))
-                .named(format!("close{i}"));
+            let closes = (fills | (close_oldest & oldest[i])).named(format!("close{i}"));
             let opens = stage.opens[i];
             let takes = next.takes[i];
             let frees =

@@ -371,8 +371,8 @@ fn progress<'b>(proof: &Proof<'b>, unit: &Unit<'_, 'b>) {
             .implies(unit.outputs.write.valid | unit.next.moves | unit.stream.valid.q),
     );
     proof.assert(
-        "the oldest line is closed if a line is needed and all are open",
-        (unit.stage.valid.q & !unit.stage.any_hit & m.and_all(&open))
+        "the oldest line is closed if all are open, unless a word goes into an open one",
+        (m.and_all(&open) & !(unit.stage.valid.q & unit.stage.any_hit))
             .implies(m.or_all(unit.closes)),
     );
     proof.assert("at most one line is closed", at_most_one(unit.closes));
