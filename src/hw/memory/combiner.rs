@@ -254,10 +254,16 @@ impl<'b> Lines<'b> {
         m.comment("A line is closed if it is full. The oldest one is closed if all are open, unless a word goes into it or fills another, or by a flush.");
         let open = self.open.iter().map(|reg| reg.q).collect::<Vec<_>>();
         let oldest: Vec<_> = (0..self.count())
-            .map(|i| self.order.is_oldest("open", i, &open))
+            .map(|i| {
+                let oldest = self.order.is_oldest("open", i, &open);
+                oldest.named(format!("open{i}_is_oldest"))
+            })
             .collect();
         let written: Vec<_> = (0..self.count())
-            .map(|i| stage.hits[i] & (oldest[i] | contents.line_full))
+            .map(|i| {
+                let keeps = stage.hits[i] & (oldest[i] | contents.line_full);
+                keeps.named(format!("keeps{i}"))
+            })
             .collect();
         let stays = (stage.valid.q & m.or_all(&written)).named("oldest_stays");
         let needed = m.and_all(&open) & !stays;
