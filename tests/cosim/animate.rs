@@ -1,4 +1,5 @@
 //! Animated scenes, with every stage of every frame in RTL and compared in all bits: skinning, update, two levels, ray casting, pictures.
+//! Each runs on the units, which the host starts, and in the chip, which runs a command list for each frame.
 //!
 //! `cargo test` runs a few frames of each scene. `DYNRT_FULL=1` runs every clip with 12 frames of 256×192, one clip of each
 //! scene at 512×384, and 10⁶ rays to check that a refitted and a rebuilt tree give the same picture.
@@ -10,11 +11,15 @@ use crate::support::shared_scene;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use dynrt::bkd::{Bounds, BuildOptions, InstanceSpec, InstancedImage, MemoryImage, build};
+use dynrt::chip::image::{Builder, hits_of};
 use dynrt::config::Config;
 use dynrt::cosim::animate::{self, Figures, Film, FrameReport, Options, Unit};
+use dynrt::cosim::chip::{self, Chip};
 use dynrt::cosim::mismatch::Mismatch;
+use dynrt::film;
 use dynrt::float::Arithmetic;
 use dynrt::golden::Caster;
+use dynrt::golden::chip::Outcome;
 use dynrt::golden::skinning::skin_vertices;
 use dynrt::scene::animation::{MachineFrame, MachineScene, Overrides, Pose};
 use dynrt::scene::{Animated, Frame, ImageSize, RayPacket, load_animated};
@@ -98,7 +103,51 @@ fn total(reports: &[FrameReport]) -> Figures {
     total
 }
 
-/// Runs these frames and checks that something was compared and all of it agrees.
+/// Runs the lists of all frames in the chip and checks that it draws the same pictures. Every byte of memory is compared.
+fn in_the_chip(
+    what: &str,
+    config: &Config,
+    shown: &Shown,
+    rebuild_above: f64,
+    reports: &[FrameReport],
+) {
+    let film = shown.film();
+    let packed = film::pack(config, film, rebuild_above, Builder::new(0x1000, 1 << 31)).unwrap();
+    let mut chip = Chip::new(config, &chip::Options::default(), &|_| ()).unwrap();
+    let (mut memory, mut outcomes, mut checked) = (packed.memory, vec![], 0);
+    for (number, frame) in packed.frames.iter().enumerate() {
+        let report = chip
+            .run(&mut memory, frame.list, &|_| ())
+            .unwrap_or_else(|error| panic!("{what}, frame {number}: {error:#}"));
+        report.outcome.check().unwrap();
+        let casts = packed.casts.iter();
+        let hits: Vec<_> = casts
+            .flat_map(|cast| hits_of(&memory, config, cast))
+            .collect();
+        let objects = 0..film.scene.objects.len();
+        let vertices = objects.map(|object| film.vertices(object, number).unwrap());
+        let vertices: Vec<_> = vertices.collect();
+        let picture = film.shade(number, &frame.there, |object| &vertices[object][..], &hits);
+        assert!(picture == reports[number].picture, "{what}, frame {number}");
+        checked += report.checked;
+        outcomes.push(report.outcome);
+    }
+    let sum = |of: fn(&Outcome) -> u64| outcomes.iter().map(of).sum::<u64>();
+    println!(
+        "{what} in the chip: {} vertices, {} nodes, {} hits, {checked} bytes and all pictures agree",
+        sum(|outcome| outcome.vertices_skinned),
+        sum(|outcome| outcome.nodes_written),
+        sum(|outcome| outcome.hits),
+    );
+    let total = total(reports);
+    assert_eq!(sum(|outcome| outcome.hits), total.hits, "{what}");
+    assert!(
+        sum(|outcome| outcome.nodes_written) >= total.nodes_written,
+        "{what}"
+    );
+}
+
+/// Runs these frames and checks that something was compared and all of it agrees; if they begin with the first one, in the chip too.
 fn check(what: &str, config: &Config, shown: &Shown, options: &Options) -> Vec<FrameReport> {
     let reports = shown
         .run(config, options)
@@ -113,6 +162,9 @@ fn check(what: &str, config: &Config, shown: &Shown, options: &Options) -> Vec<F
             "{what}: {}",
             figures.sah_ratio()
         );
+    }
+    if options.from_frame == 0 {
+        in_the_chip(what, config, shown, options.rebuild_above, &reports);
     }
     let total = total(&reports);
     println!(
