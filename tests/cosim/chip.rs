@@ -7,11 +7,13 @@ use crate::support::{Prepared, full, prepare, seed};
 use dynrt::chip::descriptor::{Cast, Command, Scene, Skin, Update, WORDS};
 use dynrt::chip::memory::Memory;
 use dynrt::chip::most_rays;
+use dynrt::chip::registers::offset;
 use dynrt::config::{Config, MemoryModel};
 use dynrt::cosim::chip::{Behaviour, Chip, Options, Report};
 use dynrt::cosim::lists::Lists;
 use dynrt::cosim::scoreboard::{UnitOptions, UnitReport};
 use dynrt::cosim::{unit_cast, unit_commands, unit_motion, unit_registers};
+use dynrt::golden::chip as golden;
 
 /// The reference with some keys changed.
 fn variant(keys: &[(&str, &str)]) -> Config {
@@ -355,4 +357,65 @@ fn memory_models_change_cycles_only() {
     println!("cycles: {}, {}, {}", ideal.0, ddr.0, sdr.0);
     assert!(ideal.0 < ddr.0 && ddr.0 < sdr.0);
     assert!(ideal.1 == ddr.1 && ddr.1 == sdr.1);
+}
+
+/// A list waits for the host: the host sees the word that the list has written, and the list goes on when the host's word is great enough.
+#[test]
+fn a_list_waits_for_the_host() {
+    let config = Config::load("tiny").unwrap();
+    let mut setting = cornell(&config);
+    let (told, awaited, after) = (setting.scratch, setting.scratch + 4, setting.scratch + 8);
+    let signal = |address, value| Command::Signal {
+        address,
+        value,
+        interrupt: false,
+    };
+    let commands = [
+        signal(told, 1),
+        Command::Wait {
+            address: awaited,
+            value: 0x8000_0005,
+        },
+        signal(after, 7),
+        Command::End,
+    ];
+    let list = setting.memory.list("list", &commands).unwrap();
+    let (memory, _) = setting.memory.finish();
+    let mut behaviours = 0;
+    for behaviour in [Behaviour::Model, Behaviour::Random] {
+        let options = Options {
+            seed: seed(),
+            behaviour,
+            ..Options::default()
+        };
+        let mut chip = Chip::new(&config, &options, &|_| ()).unwrap();
+        chip.connect(&memory);
+        chip.write(offset::LIST, list).unwrap();
+        chip.write(offset::DOORBELL, 1).unwrap();
+        chip.step(2000).unwrap();
+        assert_eq!(chip.read_memory(told).unwrap(), 1, "the host is told");
+        // Smaller words, one of them greater if it had a sign.
+        for value in [5, 0x7fff_ffff, 0x8000_0004] {
+            chip.write_memory(awaited, value).unwrap();
+            chip.step(1000).unwrap();
+            assert!(!chip.interrupts(), "the list waits on at {value:#x}");
+            assert_eq!(chip.read_memory(after).unwrap(), 0);
+        }
+        chip.write_memory(awaited, 0x8000_0005).unwrap();
+        let mut cycles = 0;
+        while !chip.interrupts() {
+            chip.step(1).unwrap();
+            cycles += 1;
+            assert!(cycles < 5000, "the list goes on");
+        }
+        assert_eq!(chip.read_memory(after).unwrap(), 7);
+        // The golden chip's host writes the same word.
+        let mut expected = memory.clone();
+        let mut golden = golden::Chip::new(&config);
+        golden.host_writes([(awaited, 0x8000_0004), (awaited, 0x8000_0005)]);
+        golden.run(&mut expected, list, 10).check().unwrap();
+        assert!(chip.memory() == expected);
+        behaviours += 1;
+    }
+    assert_eq!(behaviours, 2);
 }
