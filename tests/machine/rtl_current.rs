@@ -5,7 +5,7 @@ use dynrt::cosim::model::{Port, Sources, lint};
 use dynrt::emit;
 use dynrt::hdl::{Design, Direction, Module};
 use dynrt::hw::timing::Timing;
-use dynrt::hw::{self, Plan};
+use dynrt::hw::{self, Plan, chip, core};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::fs;
@@ -332,4 +332,53 @@ fn the_page_of_registers_is_current() {
         "docs/registers.md is not current; refresh it with: DYNRT_BLESS=1 cargo test --test machine the_page_of_registers"
     );
     println!("lines compared: {}", page.lines().count());
+}
+
+/// The instantiation templates have each port of core and chip, with direction and width, and no other.
+#[test]
+fn the_templates_have_all_ports() {
+    let plan = Plan::new(&Config::reference()).unwrap();
+    let machines = [
+        ("integrating.md", "dynrt_chip chip (", chip::emit(&plan)),
+        (
+            "integrating-core.md",
+            "dynrt_core core (",
+            core::emit(&plan),
+        ),
+    ];
+    let mut compared = 0;
+    for (page, begin, machine) in machines {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("docs")
+            .join(page);
+        let text = fs::read_to_string(path).unwrap();
+        let template = text.split(begin).nth(1).expect("a template");
+        let template = template.split("\n);").next().unwrap();
+        let shown = template.lines().map(str::trim);
+        let shown: BTreeSet<String> = shown
+            .filter(|line| line.starts_with('.'))
+            .map(|line| line.replacen("),", ")", 1))
+            .map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "))
+            .collect();
+        let machine = machine.unwrap();
+        let ports = machine.design.top().ports().iter();
+        let ports: BTreeSet<String> = ports
+            .map(|port| {
+                let direction = match port.direction {
+                    Direction::Input => "input",
+                    Direction::Output => "output",
+                };
+                let width = match port.width {
+                    1 => String::new(),
+                    width => format!(" [{}:0]", width - 1),
+                };
+                format!(".{0}({0}) // {direction}{width}", port.name)
+            })
+            .collect();
+        compared += ports.len();
+        let differs: Vec<_> = shown.symmetric_difference(&ports).collect();
+        assert!(differs.is_empty(), "{page}: {differs:?}");
+    }
+    println!("ports compared: {compared}");
+    assert!(compared > 100);
 }
