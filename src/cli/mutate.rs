@@ -30,7 +30,7 @@ pub struct Args {
     /// Random seed
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Mutate only this unit: arithmetic, tpu, geometry, update, raycast, cache, axi, combiner, arbiter, reader, cast, registers or commands; may be repeated
+    /// Mutate only this unit: arithmetic, tpu, geometry, update, raycast, cache, axi, combiner, arbiter, reader, cast, registers, commands or motion; may be repeated
     #[arg(long, value_name = "NAME")]
     unit: Vec<String>,
     /// Run only the mutant with this number

@@ -441,7 +441,7 @@ fn runs<'a>(
                     let report = unit_update::run(config, workload, traffic, &options)?;
                     Ok(report.unit.into())
                 }),
-                "requests" | "casts" | "accesses" | "lists" | "bursts" | "traffic" => {
+                "requests" | "casts" | "accesses" | "lists" | "motions" | "bursts" | "traffic" => {
                     Box::new(move |play: Play| {
                         run_outside_core(config, kind, length, &play.options(seed))
                     })
