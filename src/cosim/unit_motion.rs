@@ -401,6 +401,8 @@ impl Run {
                 out.units.update.valid,
             ),
             ("write", self.stored.is_some().into(), out.write.valid),
+            ("influences ready", 1, out.units.influence.request_ready),
+            ("program ready", 1, out.units.program.request_ready),
         ];
         wanted.extend(ready.map(|ready| ("start ready", u64::from(ready), out.start_ready)));
         if let (true, Some(asked)) = (starts, asked) {
@@ -498,6 +500,7 @@ impl Run {
                     ("vertex base", first_vertex, update.vertex_base),
                     ("node base", first_node, update.node_base),
                     ("box index", 0, update.box_index),
+                    ("program", 0, update.program),
                 ]);
             }
             false => {
@@ -505,6 +508,7 @@ impl Run {
                 wanted.extend([
                     ("palette", palette, mesh.palette),
                     ("joints", joints, mesh.joints),
+                    ("influences", 0, mesh.influences),
                     ("rows", asked.rows.into(), mesh.rows),
                     ("rest", rest, mesh.rest),
                     ("count", count, mesh.vertices),
