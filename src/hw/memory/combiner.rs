@@ -270,9 +270,9 @@ impl<'b> Lines<'b> {
         let flushes = inputs.flush & !stage.valid.q;
         let close_oldest = (needed | flushes).named("close_oldest");
         let (mut newest, mut all) = (vec![], vec![]);
-        for i in 0..self.count() {
+        for (i, &oldest) in oldest.iter().enumerate() {
             let fills = stage.hits[i] & stage.valid.q & contents.line_full;
-            let closes = (fills | (close_oldest & oldest[i])).named(format!("close{i}"));
+            let closes = (fills | (close_oldest & oldest)).named(format!("close{i}"));
             let opens = stage.opens[i];
             let takes = next.takes[i];
             let frees =

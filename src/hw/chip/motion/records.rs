@@ -65,26 +65,33 @@ impl<'b> Writer<'b> {
             second
         });
         let place = second.map_or(m.zero(1), |second| second.q);
-        let part = |offer: &Offer<'b>| match offer.is_wide {
-            false => (offer.address, offer.words[0]),
-            true => {
-                let [first, last] = offer.words;
-                let upper = place.concat(m.zero(WORD_BYTES.ilog2()));
-                let word = (place.mux(last.0, first.0), place.mux(last.1, first.1));
-                (offer.address | upper.extend(ADDRESS_BITS), word)
+        let word_of = |offer: &Offer<'b>| {
+            let [first, last] = offer.words;
+            let (upper, data, strobes) = match offer.is_wide {
+                false => (m.zero(1), first.0, first.1),
+                true => (
+                    place,
+                    place.mux(last.0, first.0),
+                    place.mux(last.1, first.1),
+                ),
+            };
+            let upper = upper.concat(m.zero(WORD_BYTES.ilog2()));
+            let address = match offer.is_wide {
+                false => offer.address,
+                true => offer.address | upper.extend(ADDRESS_BITS),
+            };
+            Word {
+                address,
+                data,
+                strobes,
             }
         };
-        let parts = offers.map(|offer| (offer.valid, part(&offer)));
-        let chosen = |of: &dyn Fn(&(Signal<'b>, (Signal<'b>, Signal<'b>))) -> Signal<'b>| {
-            let choices: Vec<_> = parts[..2]
-                .iter()
-                .map(|(valid, part)| (*valid, of(part)))
-                .collect();
-            m.priority(&choices, of(&parts[2].1))
-        };
-        address.next_when(loads, chosen(&|part| part.0));
-        data.next_when(loads, chosen(&|part| part.1.0));
-        strobes.next_when(loads, chosen(&|part| part.1.1));
+        let [vertex, node, bounds] = offers;
+        let of_update = (node.valid).choose(word_of(&node), word_of(&bounds));
+        let word = (vertex.valid).choose(word_of(&vertex), of_update);
+        address.next_when(loads, word.address);
+        data.next_when(loads, word.data);
+        strobes.next_when(loads, word.strobes);
         let takes = |offer: &Offer<'b>| match offer.is_wide {
             false => room,
             true => room & place,
