@@ -52,8 +52,7 @@ fn while_running<T>(
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(command, 0);
     let child = {
-        let mut running = running();
-        interrupt::stop_if_ending();
+        let mut running = interrupt::lock(&RUNNING);
         let child = command.spawn()?;
         running.insert(child.id());
         child

@@ -28,6 +28,23 @@ pub fn stop_if_ending() {
     }
 }
 
+/// Locks what the end of the process locks, too, before creating anything that would have to be removed. If the process is about to
+/// end, it blocks forever, without the lock.
+pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    lock_unless(&ENDING, mutex)
+}
+
+fn lock_unless<'m, T>(ending: &AtomicBool, mutex: &'m Mutex<T>) -> MutexGuard<'m, T> {
+    let guard = mutex.lock().unwrap_or_else(PoisonError::into_inner);
+    if ending.load(Ordering::SeqCst) {
+        drop(guard);
+        loop {
+            std::thread::park();
+        }
+    }
+    guard
+}
+
 /// Installs the handling of SIGINT, SIGTERM and SIGHUP: the supervised programs are ended,
 /// everything temporary is removed, and the process ends as it would by default, with exit status
 /// 130, 143 or 129 in a shell. A second signal ends the process at once. SIGHUP remains ignored if
@@ -93,4 +110,36 @@ fn end() {
     std::mem::forget(hold());
     child::end_all();
     temporary::remove_all();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::{RecvTimeoutError, channel};
+    use std::time::Duration;
+
+    /// The end of the process needs the lock.
+    #[test]
+    fn a_thread_that_waits_for_the_end_holds_no_lock() {
+        static SHARED: Mutex<u32> = Mutex::new(0);
+        for ending in [false, true] {
+            let (sender, receiver) = channel();
+            std::thread::spawn(move || {
+                let guard = lock_unless(&AtomicBool::new(ending), &SHARED);
+                drop(guard);
+                let _ = sender.send(());
+            });
+            let went_on =
+                receiver.recv_timeout(Duration::from_millis(if ending { 200 } else { 60_000 }));
+            assert_eq!(
+                went_on,
+                if ending {
+                    Err(RecvTimeoutError::Timeout)
+                } else {
+                    Ok(())
+                }
+            );
+            assert!(SHARED.try_lock().is_ok());
+        }
+    }
 }

@@ -87,8 +87,7 @@ impl Folder {
         let mut builder = tempfile::Builder::new();
         builder.prefix(&prefix).rand_bytes(RANDOM);
         adjust(&mut builder);
-        let mut live = locked(&LIVE);
-        interrupt::stop_if_ending();
+        let mut live = interrupt::lock(&LIVE);
         let inner = builder.tempdir_in(parent)?;
         live.insert(inner.path().to_path_buf());
         Ok(Folder { inner: Some(inner) })
@@ -130,8 +129,7 @@ impl Parents {
         let is_missing = |path: &&Path| !path.as_os_str().is_empty() && !path.exists();
         let missing = folder.ancestors().take_while(is_missing);
         let parents = Parents(missing.map(Path::to_path_buf).collect());
-        let mut made = locked(&PARENTS);
-        interrupt::stop_if_ending();
+        let mut made = interrupt::lock(&PARENTS);
         made.extend(parents.0.iter().cloned());
         drop(made);
         // On an error, dropping `parents` removes the folders created so far.
@@ -176,8 +174,7 @@ impl File {
         let mut builder = tempfile::Builder::new();
         builder.prefix(&prefix).rand_bytes(RANDOM);
         permit(&mut builder, 0o666);
-        let mut live = locked(&LIVE);
-        interrupt::stop_if_ending();
+        let mut live = interrupt::lock(&LIVE);
         let inner = builder.tempfile_in(folder)?;
         live.insert(inner.path().to_path_buf());
         Ok(File { inner: Some(inner) })
