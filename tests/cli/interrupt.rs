@@ -46,11 +46,33 @@ fn send(child: &Child, signal: Signal) {
     kill_process(process, signal).unwrap();
 }
 
-/// Starts a command that writes for some time, and interrupts it.
-fn ended(arguments: &str, folder: &Path, signal: Signal) -> Output {
-    let child = start(&mut dynrt(arguments, folder));
+/// The command as `env` starts it with an option for signals. A process inherits which signals are ignored: the tests themselves may
+/// run under `nohup`.
+fn with(option: &str, arguments: &str, folder: &Path) -> Command {
+    let own = dynrt(arguments, folder);
+    let mut command = Command::new("env");
+    command
+        .arg(option)
+        .arg(own.get_program())
+        .args(own.get_args())
+        .current_dir(folder)
+        .stdin(Stdio::null());
+    command
+}
+
+const HEEDED: &str = "--default-signal=HUP,INT,TERM";
+
+/// Starts a command that writes for some time, and sends it a signal while it writes.
+fn signalled(command: &mut Command, folder: &Path, signal: Signal) -> Child {
+    let child = start(command);
     wait_until("the command writes", || temporary(folder).is_some());
     send(&child, signal);
+    child
+}
+
+/// Starts a command that writes for some time, and interrupts it.
+fn ended(arguments: &str, folder: &Path, signal: Signal) -> Output {
+    let child = signalled(&mut with(HEEDED, arguments, folder), folder, signal);
     child.wait_with_output().unwrap()
 }
 
@@ -67,6 +89,20 @@ fn an_interrupted_run_leaves_nothing_and_ends_by_the_signal() {
         assert_eq!(String::from_utf8_lossy(&output.stdout), "");
         assert_eq!(names(folder.path()), ["mine"]);
     }
+}
+
+/// As under `nohup`.
+#[test]
+fn a_run_that_ignores_a_hangup_goes_on() {
+    let folder = folder();
+    let command = "vectors builtin:interior --size 64x48 --out v";
+    let mut command = with("--ignore-signal=HUP", command, folder.path());
+    let child = signalled(&mut command, folder.path(), Signal::HUP);
+    // The signal was sent before the end.
+    assert!(!folder.path().join("v").exists());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(names(folder.path()), ["v"]);
 }
 
 #[test]
@@ -131,7 +167,7 @@ fn tools_end_with_the_run_that_has_started_them() {
     let (folder, cache) = (folder(), tempfile::tempdir().unwrap());
     let command =
         "cosim builtin:cornell --size 8x8 --config tiny --json a.json --trace w.fst --cycles 5";
-    let child = start(dynrt(command, folder.path()).env("DYNRT_CACHE", cache.path()));
+    let child = start(with(HEEDED, command, folder.path()).env("DYNRT_CACHE", cache.path()));
     wait_until("a tool runs", || !running_in(cache.path()).is_empty());
     send(&child, Signal::TERM);
     let output = child.wait_with_output().unwrap();
