@@ -2,7 +2,7 @@
 
 mod checker;
 
-use crate::support::seed;
+use crate::support::{full, seed};
 use dynrt::bkd::{self, BuildOptions, MemoryImage};
 use dynrt::bkd::{LinkWord, Node, Record, TriangleRecord};
 use dynrt::config::{Config, TriangleTest};
@@ -12,6 +12,7 @@ use dynrt::golden::{Caster, EnterEvent, HandOver, Observer, RayTest};
 use dynrt::hdl::{Design, Direction};
 use dynrt::hw::{self, Plan};
 use dynrt::port::Ray;
+use dynrt::prove;
 use dynrt::scene::animation::MachineScene;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket};
 use dynrt::vectors::{Made, Posed, Request, Summary, pose, write};
@@ -1804,6 +1805,18 @@ fn run(vectors: &Path, rtl: &Path, arguments: &[&str]) -> (bool, String) {
     (status.success(), said)
 }
 
+/// A proof that a machine's outputs do not depend on its trace ports.
+fn assert_same_without_trace_ports(config: &Config) {
+    let options = prove::Options {
+        units: vec!["trace".into()],
+        ..prove::Options::default()
+    };
+    let rows = prove::run(config, &options, &|_| (), &mut |_| ()).unwrap();
+    assert!(rows.iter().all(prove::Row::holds), "{rows:?}");
+    let outputs: usize = rows.iter().map(|row| row.cases).sum();
+    assert!(outputs > 400, "{rows:?}");
+}
+
 /// A folder of this name for a test's vectors and Verilog.
 fn workplace(name: &str) -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR"))
@@ -1836,11 +1849,13 @@ fn verilog_benches_replay_them() {
                 let (out, rtl) = (folder.join("vectors"), folder.join("rtl"));
                 let _ = fs::remove_dir_all(&folder);
                 built.write_rtl(true, &rtl);
-                let request = Request {
+                // The directed scenes of a machine are replayed once.
+                let limited = Request {
                     limit: Some(4),
+                    directed_scenes: full() || built.seconds.is_none(),
                     ..built.request(&out)
                 };
-                let summary = write(&request).unwrap();
+                let summary = write(&limited).unwrap();
                 let (passes, said) = run(&out, &rtl, &[]);
                 println!("{case}:\n{said}");
                 assert!(passes, "{said}");
@@ -1849,12 +1864,25 @@ fn verilog_benches_replay_them() {
                     summary.rays, summary.steps, summary.tests, summary.transforms
                 );
                 assert!(said.contains(&expected), "{said}");
-                // Without trace ports, hits are compared and other events are counted.
-                let plain = folder.join("plain");
+                // Without trace ports, hits are compared and other events are counted. All outputs are proved to be the same in every
+                // cycle, so the packets of the scene alone are cast.
+                assert_same_without_trace_ports(&built.config);
+                let (plain, fewer) = (folder.join("plain"), folder.join("fewer"));
                 built.write_rtl(false, &plain);
-                let (passes, said_plain) = run(&out, &plain, &["raycast", "skinning"]);
-                let expected = expected.replace("checked,", "checked; counted");
+                let cast = write(&Request {
+                    directed_scenes: full(),
+                    out: &fewer,
+                    ..limited
+                })
+                .unwrap();
+                let (passes, said_plain) = run(&fewer, &plain, &["raycast", "skinning"]);
+                let expected = format!(
+                    "raycast: PASS {} hits checked; counted {} packet steps, {} triangle tests, {} ray transformations\n",
+                    cast.rays, cast.steps, cast.tests, cast.transforms
+                );
                 assert!(passes && said_plain.contains(&expected), "{said_plain}");
+                assert!(cast.rays > 0 && cast.steps > 0 && cast.tests > 0, "{cast:?}");
+                assert_eq!(cast.skins, summary.skins);
                 let manifest = Vectors::open(&out);
                 let total = |name: &str| manifest.number(&format!("/{name}"));
                 for line in [
@@ -1889,7 +1917,12 @@ fn the_benches_find_what_is_wrong() {
     let (good, rtl) = (folder.join("good"), folder.join("rtl"));
     let case = Case::new(CASES[1]);
     case.write_rtl(true, &rtl);
-    case.write(&good);
+    // The benches are checked here, with the packets of the scene alone.
+    write(&Request {
+        directed_scenes: full(),
+        ..case.request(&good)
+    })
+    .unwrap();
     let seed = seed();
     let mut rng = fastrand::Rng::with_seed(seed);
 
@@ -2031,6 +2064,7 @@ fn the_benches_find_what_is_wrong() {
     two_levels.write_rtl(true, &reef_rtl);
     let limited = Request {
         limit: Some(1),
+        directed_scenes: full(),
         ..two_levels.request(&reef)
     };
     write(&limited).unwrap();
