@@ -86,7 +86,7 @@ pub struct Failure {
     pub message: String,
 }
 
-/// The folder in which models are built: a cache that is cleared after every machine, because its models are not needed again.
+/// The folder of models: it is cleared after every machine, because its models are not needed again.
 pub struct Workbench {
     folder: temporary::Folder,
     build: BuildOptions,
@@ -95,8 +95,8 @@ pub struct Workbench {
 }
 
 impl Workbench {
-    /// Creates a workbench separate from the user's models; it is removed when dropped. Verilator's runtime is compiled here, which
-    /// also checks that all tools work.
+    /// Creates a workbench separate from the user's models; it is removed when dropped. A first model is built here, which checks
+    /// that all tools work.
     ///
     /// # Errors
     /// One line that names a tool that is missing or fails, or a cache that cannot be written.
@@ -113,7 +113,7 @@ impl Workbench {
             build: BuildOptions {
                 // Simulations are short, so the compile time dominates.
                 opt: OPT.into(),
-                cache: Some(folder.path().to_path_buf()),
+                models: Some(folder.path().to_path_buf()),
                 ..BuildOptions::default()
             },
             folder,
@@ -144,8 +144,10 @@ impl Workbench {
 
     /// Removes the models built so far; errors are ignored.
     pub fn clear(&self) {
-        let _ = std::fs::remove_dir_all(self.folder.path().join("models"));
-        let _ = std::fs::remove_dir_all(self.folder.path().join("failed"));
+        let models = std::fs::read_dir(self.folder.path());
+        for model in models.into_iter().flatten().flatten() {
+            let _ = std::fs::remove_dir_all(model.path());
+        }
     }
 
     /// Runs the stages of `stages` on a case, in order. `told` is called before each stage.

@@ -53,15 +53,19 @@ pub struct BuildOptions {
     pub opt: String,
     /// The cache directory; `None` for the default (see [`model`](super::model)).
     pub cache: Option<PathBuf>,
+    /// The directory of this model, in the file system of the cache; `None` for the cache itself. For models that are not
+    /// to be kept: all else that a build needs is kept in the cache.
+    pub models: Option<PathBuf>,
 }
 
 impl Default for BuildOptions {
-    /// Returns options for a model without traces, compiled with `-Os`, in the default cache.
+    /// Returns options for a model without traces, compiled with `-O1`, in the default cache.
     fn default() -> Self {
         BuildOptions {
             traced: false,
-            opt: "-Os".into(),
+            opt: "-O1".into(),
             cache: None,
+            models: None,
         }
     }
 }
@@ -140,7 +144,13 @@ pub fn build(sources: &Sources, options: &BuildOptions, progress: &dyn Fn(&str))
     let tools = Tools::find()?;
     let cache = cache::folder(options.cache.clone())?;
     let key = model_key(sources, options, tools);
-    let folder = cache.join("models").join(format!("{}-{key}", sources.top));
+    let models = match &options.models {
+        Some(folder) => std::path::absolute(folder)
+            .with_context(|| format!("the folder of models {}", folder.display()))?,
+        None => cache.join("models"),
+    };
+    fs::create_dir_all(&models).with_context(|| format!("cannot create {}", models.display()))?;
+    let folder = models.join(format!("{}-{key}", sources.top));
     let library = folder.join("model.so");
     let done = |reused| Built {
         library: library.clone(),
@@ -708,7 +718,7 @@ fn join_units(obj: &Path, opt: &str) -> Result<Vec<Unit>> {
         } else {
             UNIT_BYTES
         };
-        let count = (bytes.div_ceil(unit) as usize).clamp(1, 4 * jobs());
+        let count = (bytes.div_ceil(unit) as usize).clamp(1, 2 * jobs());
         // Largest first; each file goes to the unit that is smallest so far.
         pieces.sort_by(|a, b| b.cmp(a));
         let mut bins = vec![(0, String::new()); count];

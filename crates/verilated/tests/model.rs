@@ -303,6 +303,23 @@ fn the_same_model_is_built_once_and_a_changed_one_again() {
 }
 
 #[test]
+fn a_model_that_is_not_to_be_kept_has_its_own_folder() {
+    let sources = mixer("elsewhere");
+    let models = tempfile::tempdir().unwrap();
+    let options = BuildOptions {
+        models: Some(models.path().join("new")),
+        ..options()
+    };
+    let elsewhere = built(&sources, &options);
+    assert!(!elsewhere.reused && elsewhere.library.starts_with(models.path()));
+    Model::load(&elsewhere, &sources.ports).unwrap();
+    assert!(built(&sources, &options).reused);
+    // What is not the model's alone is kept in the cache.
+    assert_eq!(fs::read_dir(models.path().join("new")).unwrap().count(), 1);
+    assert!(!built(&sources, &self::options()).reused);
+}
+
+#[test]
 fn processes_and_threads_build_the_same_model_at_once() {
     const CHILD: &str = "DYNRT_TEST_CHILD_CACHE";
     let sources = mixer("at once");
