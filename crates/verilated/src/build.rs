@@ -59,11 +59,11 @@ pub struct BuildOptions {
 }
 
 impl Default for BuildOptions {
-    /// Returns options for a model without traces, compiled with `-Os`, in the default cache.
+    /// Returns options for a model without traces, compiled with `-O1`, in the default cache.
     fn default() -> Self {
         BuildOptions {
             traced: false,
-            opt: "-Os".into(),
+            opt: "-O1".into(),
             cache: None,
             models: None,
         }
@@ -718,7 +718,7 @@ fn join_units(obj: &Path, opt: &str) -> Result<Vec<Unit>> {
         } else {
             UNIT_BYTES
         };
-        let count = (bytes.div_ceil(unit) as usize).clamp(1, 4 * jobs());
+        let count = (bytes.div_ceil(unit) as usize).clamp(1, 2 * jobs());
         // Largest first; each file goes to the unit that is smallest so far.
         pieces.sort_by(|a, b| b.cmp(a));
         let mut bins = vec![(0, String::new()); count];
