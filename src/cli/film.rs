@@ -9,6 +9,7 @@ use dynrt::port::Ray;
 use dynrt::scene::animation::{MachineFrame, MachineScene};
 use dynrt::scene::{Animated, Frame, ImageSize, RayPacket, SceneSpec, load_animated};
 use dynrt::text;
+use serde_json::{Value, json};
 
 /// The frames of an animated scene.
 #[derive(clap::Args)]
@@ -234,6 +235,21 @@ impl Shown {
 
     pub fn rays(&self) -> Vec<Ray> {
         self.film().rays()
+    }
+
+    /// What a JSON file says of the scene.
+    pub fn facts(&self, rebuild_above: f64) -> Value {
+        let setup = self.film().setup();
+        json!({
+            "scene": self.scene.name,
+            "clip": self.schedule.clip,
+            "frames_per_second": self.schedule.frames_per_second,
+            "levels": setup.levels,
+            "objects": setup.objects,
+            "instances": setup.instances,
+            "triangles": setup.triangles,
+            "rebuild_above": rebuild_above,
+        })
     }
 
     /// The clip in a line of a report.

@@ -174,6 +174,8 @@ fn pack_film(args: &Args, memory: Builder) -> Result<()> {
         });
         (frame.list, facts)
     });
+    let mut facts = shown.facts(args.rebuild.rebuild_above);
+    facts["log2_scale"] = json!(film.scene.log2_scale);
     let image = Image {
         args,
         config: &config,
@@ -190,17 +192,7 @@ fn pack_film(args: &Args, memory: Builder) -> Result<()> {
             counted(setup.objects as u64, "object"),
             counted(setup.instances as u64, "instance"),
         ),
-        facts: json!({
-            "scene": shown.scene.name,
-            "log2_scale": film.scene.log2_scale,
-            "clip": shown.schedule.clip,
-            "frames_per_second": shown.schedule.frames_per_second,
-            "levels": setup.levels,
-            "objects": setup.objects,
-            "instances": setup.instances,
-            "triangles": setup.triangles,
-            "rebuild_above": args.rebuild.rebuild_above,
-        }),
+        facts,
         vertex_bytes,
     };
     image.write(setup.triangles as u64)

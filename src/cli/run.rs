@@ -232,16 +232,7 @@ fn run_film(args: &Args, trace: Option<Trace>) -> Result<()> {
             counted(setup.objects as u64, "object"),
             counted(setup.instances as u64, "instance"),
         ),
-        facts: json!({
-            "scene": shown.scene.name,
-            "clip": shown.schedule.clip,
-            "frames_per_second": shown.schedule.frames_per_second,
-            "levels": setup.levels,
-            "objects": setup.objects,
-            "instances": setup.instances,
-            "triangles": setup.triangles,
-            "rebuild_above": args.rebuild.rebuild_above,
-        }),
+        facts: shown.facts(args.rebuild.rebuild_above),
         frames_per_second: shown.schedule.frames_per_second,
         shade: &shade,
     };

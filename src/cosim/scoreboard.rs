@@ -3,7 +3,7 @@
 
 use super::memory::{Bandwidth, Timing};
 use super::mismatch::{Field, Mismatch};
-use super::model::{BuildOptions, Model, Recording, Sources, Trace, build};
+use super::model::{BuildOptions, Model, PortHandle, Recording, Sources, Trace, build};
 use crate::float::Format;
 use crate::golden::RaySetup;
 use crate::hdl::{Design, HdlError, Module, Mutation};
@@ -557,6 +557,25 @@ impl Bench {
             replay: self.replay.clone(),
         };
         mismatch.into()
+    }
+
+    /// Compares ports: each with its name and the golden value.
+    ///
+    /// # Errors
+    /// A mismatch with all of them, if one differs.
+    pub fn compare(
+        &self,
+        place: impl Into<String>,
+        ports: &[(&str, u64, PortHandle)],
+    ) -> Result<()> {
+        let model = &self.model;
+        if (ports.iter()).all(|(_, golden, port)| *golden == model.get(*port)) {
+            return Ok(());
+        }
+        let field = |(name, golden, port): &(&str, u64, PortHandle)| {
+            Field::integer(*name, *golden, model.get(*port))
+        };
+        Err(self.mismatch(place, ports.iter().map(field).collect()))
     }
 
     /// The report of a run. Only a mismatch is a result; other errors are returned.

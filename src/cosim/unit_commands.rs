@@ -561,7 +561,7 @@ impl Run {
     /// Compares what is offered with what happens.
     fn check_payloads(&mut self, given: &Given, shown: &Shown) -> Result<()> {
         let outputs = &self.ports.outputs;
-        let (model, list) = (&self.bench.model, &self.list);
+        let list = &self.list;
         let beats = |bytes: u32| u64::from(bytes.div_ceil(4 * self.beat_words as u32)) - 1;
         let mut wanted: Vec<(&str, u64, PortHandle)> = vec![];
         if shown.read {
@@ -624,14 +624,8 @@ impl Run {
                     .map(|(x, port)| ("corner", *x, port)),
             );
         }
-        let differs = |(_, golden, port): &(&str, u64, PortHandle)| *golden != model.get(*port);
-        if wanted.iter().any(differs) {
-            let fields = wanted.iter();
-            let fields =
-                fields.map(|(name, golden, port)| Field::integer(*name, *golden, model.get(*port)));
-            let place = format!("{:?} of the descriptor at {:#x}", list.next, list.at);
-            return Err(self.bench.mismatch(place, fields.collect()));
-        }
+        let place = format!("{:?} of the descriptor at {:#x}", list.next, list.at);
+        self.bench.compare(place, &wanted)?;
         self.bench.tally.checked += wanted.len() as u64;
         self.check_wide(shown)
     }

@@ -419,7 +419,7 @@ impl Run {
                 wanted.push(("record ready", self.takes(running, given).into(), port));
             }
         }
-        self.check("outputs", &wanted)?;
+        self.bench.compare("outputs", &wanted)?;
         let Some(stored) = &self.stored else {
             return Ok(());
         };
@@ -451,20 +451,6 @@ impl Run {
             true => Err(self.bench.mismatch("word of a record", fields)),
             false => Ok(()),
         }
-    }
-
-    fn check(&self, place: &str, wanted: &[(&str, u64, PortHandle)]) -> Result<()> {
-        let model = &self.bench.model;
-        if wanted
-            .iter()
-            .all(|(_, golden, port)| *golden == model.get(*port))
-        {
-            return Ok(());
-        }
-        let fields = wanted.iter();
-        let fields =
-            fields.map(|(name, golden, port)| Field::integer(*name, *golden, model.get(*port)));
-        Err(self.bench.mismatch(place, fields.collect()))
     }
 
     /// What reader and processor are given at a start.

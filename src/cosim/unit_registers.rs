@@ -4,7 +4,6 @@
 //! in every cycle with the golden register file and the timing that `docs/chip.md` states. The register file is given random counters, so
 //! that all bits of a copy count; those of the event counters are compared with the events.
 
-use super::mismatch::Field;
 use super::model::PortHandle;
 use super::scoreboard::{Bench, Category, RESET_CYCLES, UnitOptions, UnitReport};
 use crate::chip::registers::{COUNTER_BITS, COUNTERS, WINDOW, interrupt, offset};
@@ -375,7 +374,7 @@ impl Run<'_> {
 
     /// Compares all outputs of a cycle; whether a write and a read are accepted.
     fn compare(&self, given: &Given) -> Result<(bool, bool)> {
-        let (model, host) = (&self.bench.model, &self.host);
+        let host = &self.host;
         let outputs = &self.ports.outputs.file;
         let bus = outputs.s_axi;
         let writes = given.address && given.data && !host.responds;
@@ -401,13 +400,7 @@ impl Run<'_> {
         let counted = self.ports.outputs.events_counted.leaves();
         let counted = self.counted.iter().zip(counted);
         wanted.extend(counted.map(|(count, port)| ("event counter", *count, port)));
-        let differs = |(_, golden, port): &(&str, u64, PortHandle)| *golden != model.get(*port);
-        if wanted.iter().any(differs) {
-            let fields = wanted.iter();
-            let fields =
-                fields.map(|(name, golden, port)| Field::integer(*name, *golden, model.get(*port)));
-            return Err(self.bench.mismatch("outputs", fields.collect()));
-        }
+        self.bench.compare("outputs", &wanted)?;
         Ok((writes, given.read && arready))
     }
 

@@ -42,7 +42,7 @@ pub struct PackedFrame {
     pub new_top: bool,
 }
 
-/// Puts a film into memory. An object's tree is built anew if its cost exceeds that of a new tree by more than the factor
+/// Puts a film into memory. An object's tree is rebuilt if its cost exceeds that of a new tree by more than the factor
 /// `rebuild_above`; +∞: never.
 ///
 /// # Errors

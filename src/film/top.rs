@@ -208,7 +208,7 @@ impl Planner<'_> {
         let Placed { top, by_update, .. } = placed;
         plan.there.clone_from(&top.there);
         (plan.root, plan.bounds, plan.new_top) = (placed.place.root, placed.bounds, at == 0);
-        // The first frame writes all that ever changes, whatever was there before.
+        // The first frame writes all that ever changes, independently of the contents before.
         let changed: Vec<bool> = match at {
             0 => placed.changing.clone(),
             _ => (0..top.there.len())

@@ -1,7 +1,7 @@
 //! Films in one memory: the lists of all frames on the golden chip, without a host. After each list, hits, vertices, nodes and boxes are
 //! compared with those computed from scratch for the frame, in all bits.
 
-use crate::support::{full, shared_scene};
+use crate::support::{full, shared_scene, write_appearing};
 use dynrt::bkd::layout::{LinkWord, MemoryImage, Target};
 use dynrt::bkd::{
     Bounds, BuildOptions, InstanceRecord, InstanceSpec, InstancedImage, build, bytes::ByteRecord,
@@ -19,7 +19,6 @@ use dynrt::golden::skinning::skin_vertices;
 use dynrt::port::Hit;
 use dynrt::scene::animation::{MachineFrame, MachineScene, Overrides, Pose};
 use dynrt::scene::{Animated, Frame, ImageSize, RayPacket, load_animated};
-use serde_json::json;
 use std::collections::HashMap;
 
 /// The frames of a scene in the machine's number format, and the rays.
@@ -585,49 +584,11 @@ fn a_hand_that_a_program_closes() {
 
 // ---- Trees and instances ---------------------------------------------------------------------------
 
-/// Two instances of a triangle, whose scales change from frame to frame; with the scale 0 an instance is absent.
+/// Two instances of a triangle: see [`write_appearing`].
 fn appearing(config: Config, first: &[f32], second: &[f32]) -> Shown {
-    let mut bytes: Vec<u8> = Vec::new();
-    let mut add = |numbers: &[f32]| {
-        let at = bytes.len();
-        bytes.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
-        json!({"buffer": 0, "byteOffset": at, "byteLength": bytes.len() - at})
-    };
-    let times: Vec<f32> = (0..=first.len()).map(|frame| frame as f32).collect();
-    let scales = |of: &[f32]| -> Vec<f32> {
-        let of = of.iter().chain(of.last());
-        of.flat_map(|&scale| [scale; 3]).collect()
-    };
-    let views = [
-        add(&[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.5]),
-        add(&times),
-        add(&scales(first)),
-        add(&scales(second)),
-    ];
-    let accessor = |view: usize, count: usize, kind: &str| json!({"bufferView": view, "componentType": 5126, "count": count, "type": kind});
-    let keys = times.len();
-    let sampler = |output: usize| json!({"input": 1, "output": output, "interpolation": "STEP"});
-    let channel = |node: usize| json!({"sampler": node, "target": {"node": node, "path": "scale"}});
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("a.bin"), &bytes).unwrap();
-    let file = json!({
-        "asset": {"version": "2.0"},
-        "scenes": [{"nodes": [0, 1]}],
-        "nodes": [{"mesh": 0}, {"mesh": 0, "translation": [2, 0, 0]}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
-        "accessors": [
-            accessor(0, 3, "VEC3"),
-            accessor(1, keys, "SCALAR"),
-            accessor(2, keys, "VEC3"),
-            accessor(3, keys, "VEC3"),
-        ],
-        "animations": [{"samplers": [sampler(2), sampler(3)], "channels": [channel(0), channel(1)]}],
-        "bufferViews": views,
-        "buffers": [{"byteLength": bytes.len(), "uri": "a.bin"}],
-    });
-    let path = folder.path().join("a.gltf");
-    std::fs::write(&path, file.to_string()).unwrap();
-    Shown::clip(config, path.to_str().unwrap(), None, first.len(), "24x16")
+    let path = write_appearing(folder.path(), first, second);
+    Shown::clip(config, &path, None, first.len(), "24x16")
 }
 
 /// Frame by frame: only the second, none, both, both, only the first.

@@ -3,6 +3,7 @@
 // Each test program uses only a part of it.
 #![allow(dead_code, unused_imports)]
 
+mod appearing;
 pub mod command;
 pub mod driver;
 pub mod say;
@@ -16,6 +17,7 @@ use dynrt::golden::Caster;
 use dynrt::port::Ray;
 use dynrt::scene::{self, Camera, Frame, ImageSize, MachineMesh, RayPacket, View};
 
+pub use appearing::write_appearing;
 pub use dynrt::seed::of_run as seed;
 pub use shared::shared_scene;
 

@@ -32,7 +32,7 @@ impl Chip {
         Ok(word)
     }
 
-    /// Writes the word at an address of memory, whatever the chip is doing.
+    /// Writes the word at an address of memory, also while the chip runs.
     ///
     /// # Errors
     /// The address is outside of the memory.

@@ -211,9 +211,6 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     );
 
     let scene = scene_registers(&m, plan, &words, steps.scene_starts, steps.box_arrives);
-    let beats = |bytes: u32| m.lit((8 * bytes).div_ceil(bus_bits) - 1, BEATS_BITS);
-    let offset = (bus_bits / 8).ilog2();
-    let polled_beat = words[wait::word::address].high(ADDRESS_BITS - offset);
     let write = write_of_32_bits(
         words[signal::word::address],
         words[signal::word::address].bits(3, 2),
@@ -221,26 +218,7 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     );
     let outputs = Outputs {
         start_ready: now.idle,
-        read: Flow::new(
-            reads,
-            Burst {
-                address: m.priority(
-                    &[
-                        (now.fetches_box, words[scene::word::bounds]),
-                        (now.fetches_word, polled_beat.concat(m.zero(offset))),
-                    ],
-                    place.q,
-                ),
-                beats: m.priority(
-                    &[
-                        (now.fetches_box, beats(box_bytes(plan))),
-                        (now.fetches_word, m.zero(BEATS_BITS)),
-                    ],
-                    beats(descriptor::BYTES),
-                ),
-                id: m.zero(1),
-            },
-        ),
+        read: Flow::new(reads, burst(plan, bus_bits, &now, &words, place.q)),
         write: Flow::new(now.signals, write),
         cast_valid: steps.cast_starts,
         cast: cast_start(&m, &words),
@@ -263,7 +241,7 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
     ports.outputs.outputs(&m, outputs);
     properties::executes(&properties::Unit {
         m: &m,
-        beat_bits: offset,
+        beat_bits: beat_offset_bits(bus_bits),
         limits: Limits::of(&plan.config),
         inputs: &inputs,
         outputs: &outputs,
@@ -282,6 +260,38 @@ pub fn module(plan: &Plan, bus_bits: u32) -> Result<Arc<Module>, HdlError> {
         rest,
     });
     m.finish()
+}
+
+/// Bits of a byte's place in a beat.
+fn beat_offset_bits(bus_bits: u32) -> u32 {
+    (bus_bits / 8).ilog2()
+}
+
+/// The burst that is read: of a descriptor, of a box, or of the word that a list waits for.
+fn burst<'b>(
+    plan: &Plan,
+    bus_bits: u32,
+    now: &States<Signal<'b>>,
+    words: &[Signal<'b>],
+    place: Signal<'b>,
+) -> Burst<Signal<'b>> {
+    let m = place.module();
+    let beats = |bytes: u32| m.lit((8 * bytes).div_ceil(bus_bits) - 1, BEATS_BITS);
+    let offset = beat_offset_bits(bus_bits);
+    let polled_beat = words[wait::word::address].high(ADDRESS_BITS - offset);
+    let addresses = [
+        (now.fetches_box, words[scene::word::bounds]),
+        (now.fetches_word, polled_beat.concat(m.zero(offset))),
+    ];
+    let counts = [
+        (now.fetches_box, beats(box_bytes(plan))),
+        (now.fetches_word, m.zero(BEATS_BITS)),
+    ];
+    Burst {
+        address: m.priority(&addresses, place),
+        beats: m.priority(&counts, beats(descriptor::BYTES)),
+        id: m.zero(1),
+    }
 }
 
 /// The code and the wrong value of the first error of a list: of its own address, of a refused descriptor, or of the bus.

@@ -3,6 +3,7 @@
 use super::Around;
 use crate::bkd::bytes::{ByteRecord, Part};
 use crate::hdl::{Reg, Signal};
+use crate::hw::chip::fitted;
 use crate::hw::memory::ADDRESS_BITS;
 use crate::hw::memory::combiner::{WORD_BITS, WORD_BYTES, Word};
 
@@ -162,11 +163,7 @@ impl<'b> Around<'_, 'b> {
 /// The address of a record of an array.
 fn record_address<'b>(base: Signal<'b>, index: Signal<'b>, bytes: u32) -> Signal<'b> {
     let offset = index.concat(index.module().zero(bytes.ilog2()));
-    let offset = match offset.width() < ADDRESS_BITS {
-        true => offset.extend(ADDRESS_BITS),
-        false => offset.low(ADDRESS_BITS),
-    };
-    base + offset
+    base + fitted(offset, ADDRESS_BITS)
 }
 
 /// The bytes of a record.
